@@ -1,0 +1,1 @@
+//! Mandible joint with derivatives, and blendshape weights by bounded least squares

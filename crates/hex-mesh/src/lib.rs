@@ -1,0 +1,1 @@
+//! Hexahedral voxel meshes of closed surfaces: nodes, elements, quadrature, embedding and regions

@@ -1,0 +1,1 @@
+//! Quasi-static equilibria of actuated soft bodies, and their exact adjoint

@@ -1,0 +1,1 @@
+//! Headless pictures of surfaces, comparison sheets and plots

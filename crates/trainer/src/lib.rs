@@ -1,0 +1,1 @@
+//! Trains, evaluates and simulates neural muscle fields; holds the program myofield

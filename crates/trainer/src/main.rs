@@ -1,0 +1,2 @@
+//! The program `myofield`.
+fn main() {}

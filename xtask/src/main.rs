@@ -1,0 +1,2 @@
+//! Thin dispatcher.
+fn main() {}
