@@ -1,1 +1,23 @@
-//! Polygon surfaces: OBJ and glTF in, OBJ, GLB and PLY out, morph targets, normals with derivatives, and a report on what is wrong with a mesh
+#![doc = include_str!("../README.md")]
+
+mod error;
+mod gltf_io;
+mod morph;
+mod normals;
+mod obj;
+mod ply;
+pub mod primitives;
+mod read;
+mod report;
+mod surface;
+mod whole_file;
+
+pub use error::{GltfProblem, ObjProblem, SurfaceError};
+pub use gltf_io::{read_gltf, write_glb};
+pub use morph::{MorphTarget, MorphedSurface};
+pub use normals::{vertex_normals, vertex_normals_vjp};
+pub use obj::{read_obj, write_obj};
+pub use ply::{PlyAttributes, write_ply};
+pub use read::read_surface;
+pub use report::{Component, Edge, SurfaceReport, report};
+pub use surface::Surface;

@@ -1,0 +1,10 @@
+//! The glTF 2.0 format, as `.gltf` and `.glb`.
+
+mod accessor;
+mod buffers;
+mod placement;
+mod read;
+mod write;
+
+pub use read::read_gltf;
+pub use write::write_glb;

@@ -1,0 +1,79 @@
+//! Connected pieces and connected groups of open edges.
+
+use super::{Component, Edge};
+use crate::Surface;
+use crate::surface::cone_volume;
+
+/// A forest in which every vertex of a piece leads to the piece's lowest vertex.
+struct DisjointSets(Vec<u32>);
+
+impl DisjointSets {
+    fn new(count: usize) -> Self {
+        Self((0..count as u32).collect())
+    }
+
+    fn root(&mut self, mut vertex: u32) -> u32 {
+        while self.0[vertex as usize] != vertex {
+            let parent = self.0[vertex as usize];
+            self.0[vertex as usize] = self.0[parent as usize];
+            vertex = parent;
+        }
+        vertex
+    }
+
+    fn join(&mut self, a: u32, b: u32) {
+        let (a, b) = (self.root(a), self.root(b));
+        self.0[a.max(b) as usize] = a.min(b);
+    }
+}
+
+/// The connected pieces, by rising lowest vertex.
+pub(super) fn components(surface: &Surface) -> Vec<Component> {
+    let mut sets = DisjointSets::new(surface.vertex_count());
+    for polygon in surface.polygons() {
+        for &corner in &polygon[1..] {
+            sets.join(polygon[0], corner);
+        }
+    }
+    let mut pieces: Vec<Option<Component>> = vec![None; surface.vertex_count()];
+    for polygon in surface.polygons() {
+        let root = sets.root(polygon[0]);
+        let piece = pieces[root as usize].get_or_insert(Component {
+            first_vertex: root,
+            vertices: 0,
+            polygons: 0,
+            signed_volume: 0.0,
+        });
+        piece.polygons += 1;
+    }
+    for vertex in 0..surface.vertex_count() as u32 {
+        if let Some(piece) = &mut pieces[sets.root(vertex) as usize] {
+            piece.vertices += 1;
+        }
+    }
+    let (low, high) = surface.bounding_box();
+    let origin = (low + high) / 2.0;
+    for &triangle in surface.triangles() {
+        if let Some(piece) = &mut pieces[sets.root(triangle[0]) as usize] {
+            piece.signed_volume += cone_volume(&surface.triangle_points(triangle), &origin);
+        }
+    }
+    pieces.into_iter().flatten().collect()
+}
+
+/// The number of connected groups of open edges.
+pub(super) fn open_loops(vertices: usize, open: &[Edge]) -> usize {
+    if open.is_empty() {
+        return 0;
+    }
+    let mut sets = DisjointSets::new(vertices);
+    for edge in open {
+        sets.join(edge.vertices[0], edge.vertices[1]);
+    }
+    let mut roots: Vec<u32> = (open.iter())
+        .map(|edge| sets.root(edge.vertices[0]))
+        .collect();
+    roots.sort_unstable();
+    roots.dedup();
+    roots.len()
+}
