@@ -1,0 +1,120 @@
+//! Networks and optimiser states in and out of [`TensorFile`]s.
+
+use std::path::Path;
+
+use crate::{ActuationNet, AdamState, Error, NetworkConfig, TensorFile};
+
+/// Metadata key, behind the prefix, of a network's configuration in JSON.
+const CONFIG_KEY: &str = "config";
+
+impl ActuationNet {
+    /// Writes configuration and weights to a safetensors file, whole or not at all.
+    ///
+    /// # Errors
+    /// [`Error::Write`].
+    pub fn save(&self, path: impl AsRef<Path>) -> Result<(), Error> {
+        let mut file = TensorFile::new();
+        self.insert_into(&mut file, "");
+        file.write(path)
+    }
+
+    /// A new network from a file that [`ActuationNet::save`] wrote, with the configuration stored there.
+    ///
+    /// # Errors
+    /// [`Error::Read`], [`Error::Malformed`] and those of [`ActuationNet::from_file`].
+    pub fn load(path: impl AsRef<Path>) -> Result<Self, Error> {
+        Self::from_file(&TensorFile::read(path)?, "")
+    }
+
+    /// [`ActuationNet::load`] for a caller who knows what configuration the file should have.
+    ///
+    /// # Errors
+    /// Those of [`ActuationNet::load`]; [`Error::TensorShape`] and [`Error::ConfigMismatch`] if the file has another one.
+    pub fn load_with(path: impl AsRef<Path>, config: &NetworkConfig) -> Result<Self, Error> {
+        Self::from_file_with(&TensorFile::read(path)?, "", config)
+    }
+
+    /// Adds configuration and weights to a larger file; all names start with `prefix`.
+    ///
+    /// The tensors have the names of [`ActuationNet::parameter_layout`], the metadata entry is called `config`.
+    pub fn insert_into(&self, file: &mut TensorFile, prefix: &str) {
+        let config = serde_json::to_string(self.config()).expect("a plain struct becomes JSON");
+        file.insert_metadata(format!("{prefix}{CONFIG_KEY}"), config);
+        let parameters = self.parameters();
+        for tensor in self.parameter_layout() {
+            let values = &parameters[tensor.range.clone()];
+            file.insert_f32(format!("{prefix}{}", tensor.name), &tensor.shape, values);
+        }
+    }
+
+    /// A new network from the part of a file under `prefix`, with the configuration stored there.
+    ///
+    /// # Errors
+    /// [`Error::MissingMetadata`], [`Error::MalformedConfig`], those of [`NetworkConfig::validate`],
+    /// [`Error::UnknownTensor`] for any other tensor under the prefix, and those of [`TensorFile::f32_tensor`].
+    pub fn from_file(file: &TensorFile, prefix: &str) -> Result<Self, Error> {
+        let config = stored_config(file, prefix)?;
+        Self::from_file_with(file, prefix, &config)
+    }
+
+    /// [`ActuationNet::from_file`] for a caller who knows what configuration the file should have.
+    ///
+    /// # Errors
+    /// Those of [`ActuationNet::from_file`]; [`Error::TensorShape`] and [`Error::ConfigMismatch`] if the file has another one.
+    pub fn from_file_with(
+        file: &TensorFile,
+        prefix: &str,
+        config: &NetworkConfig,
+    ) -> Result<Self, Error> {
+        config.validate()?;
+        let layout = config.parameter_layout();
+        file.check_names(prefix, |name| layout.iter().any(|t| t.name == name))?;
+        let mut parameters = Vec::new();
+        for tensor in &layout {
+            let name = format!("{prefix}{}", tensor.name);
+            parameters.extend(file.f32_tensor(&name, &tensor.shape)?);
+        }
+        // Equal shapes leave only the frequency to differ.
+        let found = stored_config(file, prefix)?.omega;
+        if found != config.omega {
+            return Err(Error::ConfigMismatch {
+                path: file.path().to_path_buf(),
+                field: "omega",
+                found: f64::from(found),
+                expected: f64::from(config.omega),
+            });
+        }
+        Self::from_parameters(config, parameters)
+    }
+}
+
+fn stored_config(file: &TensorFile, prefix: &str) -> Result<NetworkConfig, Error> {
+    let key = format!("{prefix}{CONFIG_KEY}");
+    let text = file.metadata(&key)?;
+    serde_json::from_str(text).map_err(|source| Error::MalformedConfig {
+        path: file.path().to_path_buf(),
+        key,
+        source,
+    })
+}
+
+impl AdamState {
+    /// Adds the state to a file as the tensors `step` (u64, one entry), `m` and `v`, all behind `prefix`.
+    pub fn insert_into(&self, file: &mut TensorFile, prefix: &str) {
+        file.insert_u64(format!("{prefix}step"), &[1], &[self.step]);
+        file.insert_f32(format!("{prefix}m"), &[self.m.len()], &self.m);
+        file.insert_f32(format!("{prefix}v"), &[self.v.len()], &self.v);
+    }
+
+    /// The state of an optimiser of `parameters` parameters from the part of a file under `prefix`.
+    ///
+    /// # Errors
+    /// Those of [`TensorFile::f32_tensor`], and [`Error::UnknownTensor`] for any other tensor under the prefix.
+    pub fn from_file(file: &TensorFile, prefix: &str, parameters: usize) -> Result<Self, Error> {
+        file.check_names(prefix, |name| ["step", "m", "v"].contains(&name))?;
+        let step = file.u64_tensor(&format!("{prefix}step"), &[1])?[0];
+        let m = file.f32_tensor(&format!("{prefix}m"), &[parameters])?;
+        let v = file.f32_tensor(&format!("{prefix}v"), &[parameters])?;
+        Ok(Self { step, m, v })
+    }
+}
