@@ -1,0 +1,163 @@
+//! From a closed surface to a mesh of cubes.
+
+mod closed;
+mod grid;
+mod inside;
+mod pieces;
+mod report;
+
+use nalgebra::Vector3;
+use serde::{Deserialize, Serialize};
+use surface_mesh::Surface;
+
+pub(crate) use closed::check_closed;
+use grid::CellGrid;
+pub(crate) use inside::{InsideVotes, PointGrid};
+use pieces::{Pieces, grid_position};
+pub use report::{DroppedPiece, VoxelReport};
+
+use crate::mesh::check_element_size;
+use crate::{HexMesh, HexMeshError, Quadrature};
+
+/// Which face-connected pieces of the body become elements.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Keep {
+    /// Only the piece with the most elements; the others are reported as dropped.
+    #[default]
+    Largest,
+    /// All pieces.
+    All,
+}
+
+/// How to [`voxelise`] a surface.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct VoxelOptions {
+    /// Edge length of the cubes, in the surface's unit.
+    pub element_size: f64,
+    /// Sample points per element.
+    pub quadrature: Quadrature,
+    /// Which pieces become elements.
+    pub keep: Keep,
+    /// A point where cells meet; without one, the grid is centred on the surface's bounding box, so that symmetric bodies get
+    /// symmetric meshes.
+    pub origin: Option<Vector3<f64>>,
+}
+
+impl VoxelOptions {
+    /// Cubes of the given size, 8 samples each, the largest piece, a centred grid.
+    #[must_use]
+    pub fn new(element_size: f64) -> Self {
+        Self {
+            element_size,
+            quadrature: Quadrature::default(),
+            keep: Keep::default(),
+            origin: None,
+        }
+    }
+}
+
+/// A voxelised body, and what was found on the way.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Voxelised {
+    /// The mesh.
+    pub mesh: HexMesh,
+    /// What was found, and what was left out.
+    pub report: VoxelReport,
+}
+
+/// Fills a closed surface with cubes: a cell is in when its centre is inside.
+///
+/// A centre is inside when at least two of three axis-parallel rays through it cross the surface an odd number of times. Where
+/// closed parts overlap, parity counts an even overlap as outside. Cells that meet only in an edge or a vertex belong to different
+/// pieces.
+///
+/// Elements run in lexicographic order of their cell, x slowest, and nodes as elements first use them. The result does not depend on
+/// the number of threads.
+///
+/// # Errors
+/// [`HexMeshError::ElementSize`], [`HexMeshError::VertexNotFinite`], [`HexMeshError::OpenSurface`], [`HexMeshError::Origin`],
+/// [`HexMeshError::TooManyCells`], and [`HexMeshError::NoCells`] or [`HexMeshError::FlatSurface`] when no centre is inside.
+pub fn voxelise(surface: &Surface, options: &VoxelOptions) -> Result<Voxelised, HexMeshError> {
+    let size = options.element_size;
+    check_element_size(size)?;
+    check_closed(surface.vertices(), surface.triangles())?;
+    let (min, max) = bounding_box(surface);
+    let grid = match options.origin {
+        None => CellGrid::centred(min, max, size)?,
+        Some(origin) => CellGrid::anchored(min, max, size, origin)?,
+    };
+
+    let votes = InsideVotes::new(&grid.centres(), surface.vertices(), surface.triangles());
+    let pieces = Pieces::new(grid.counts, |cell| votes.is_inside(cell));
+    let Some(largest) = pieces.largest() else {
+        return Err(nothing_inside(surface, size, min, max));
+    };
+    let kept = |piece: usize| options.keep == Keep::All || piece == largest;
+
+    let cells = (0..grid.counts.iter().product())
+        .filter(|&cell| pieces.piece_of(cell).is_some_and(kept))
+        .map(|cell| grid.cell(grid_position(cell, grid.counts)))
+        .collect();
+    let mesh = HexMesh::from_cells(cells, grid.origin, size, options.quadrature)?;
+    let report = VoxelReport {
+        element_size: size,
+        grid: grid.counts,
+        elements: mesh.elements().len(),
+        nodes: mesh.nodes().len(),
+        mesh_volume: mesh.volume(),
+        surface_volume: surface.signed_volume(),
+        pieces: pieces.pieces.len(),
+        dropped: dropped_pieces(&grid, &pieces, kept),
+        minority_votes: votes.minority_count(),
+    };
+    Ok(Voxelised { mesh, report })
+}
+
+fn dropped_pieces(
+    grid: &CellGrid,
+    pieces: &Pieces,
+    kept: impl Fn(usize) -> bool,
+) -> Vec<DroppedPiece> {
+    let dropped = pieces.pieces.iter().enumerate();
+    let mut dropped: Vec<_> = dropped
+        .filter(|&(index, _)| !kept(index))
+        .map(|(_, piece)| DroppedPiece {
+            elements: piece.cells,
+            min: grid.corner(grid.cell(piece.min)),
+            max: grid.corner(grid.cell(piece.max).map(|i| i + 1)),
+        })
+        .collect();
+    dropped.sort_by_key(|piece| std::cmp::Reverse(piece.elements));
+    dropped
+}
+
+/// Box around the vertices that triangles use: stray vertices must not enlarge the grid.
+fn bounding_box(surface: &Surface) -> (Vector3<f64>, Vector3<f64>) {
+    let used = surface.triangles().iter().flatten();
+    let used = used.map(|&vertex| surface.vertices()[vertex as usize]);
+    let nothing = Vector3::repeat(f64::INFINITY);
+    used.fold((nothing, -nothing), |(min, max), vertex| {
+        (min.inf(&vertex), max.sup(&vertex))
+    })
+}
+
+#[cold]
+fn nothing_inside(
+    surface: &Surface,
+    element_size: f64,
+    min: Vector3<f64>,
+    max: Vector3<f64>,
+) -> HexMeshError {
+    // Volume over area is half the thickness of a plate and a third of the radius of a ball.
+    let thickness = surface.signed_volume().abs() / surface.area();
+    if !(thickness > 1e-12 * (max - min).norm()) {
+        return HexMeshError::FlatSurface { min, max };
+    }
+    HexMeshError::NoCells {
+        element_size,
+        min,
+        max,
+        suggested_size: thickness.min(0.5 * element_size),
+    }
+}
