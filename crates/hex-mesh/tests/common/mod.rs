@@ -52,5 +52,5 @@ pub fn data_shape(path: &str) -> Option<Surface> {
         eprintln!("skipped: no {path} in the shared data");
         return None;
     }
-    Some(surface_mesh::read_surface(&file).unwrap())
+    Some(surface_mesh::read_obj(&file).unwrap())
 }
