@@ -15,7 +15,11 @@ fn shape(index: usize) -> Vec<Vector3<f64>> {
             let t = vertex as f64 / VERTICES as f64;
             let centre = (index as f64 * 0.37).fract();
             let size = (-((t - centre) * 12.0).powi(2)).exp();
-            Vector3::new((31.0 * t + index as f64).sin(), (17.0 * t).cos(), (7.0 * index as f64 * t).sin()) * size
+            Vector3::new(
+                (31.0 * t + index as f64).sin(),
+                (17.0 * t).cos(),
+                (7.0 * index as f64 * t).sin(),
+            ) * size
         })
         .collect()
 }
@@ -24,13 +28,19 @@ fn blend(criterion: &mut Criterion) {
     let shapes: Vec<_> = (0..SHAPES).map(shape).collect();
     let target: Vec<_> = (0..VERTICES)
         .map(|vertex| {
-            let sum: Vector3<f64> = shapes.iter().step_by(3).map(|shape| shape[vertex] * 0.6).sum();
+            let sum: Vector3<f64> = shapes
+                .iter()
+                .step_by(3)
+                .map(|shape| shape[vertex] * 0.6)
+                .sum();
             sum + Vector3::new((vertex as f64).sin(), (2.0 * vertex as f64).cos(), 0.3) * 0.2
         })
         .collect();
     let basis = BlendBasis::new(shapes).expect("the shapes match");
     let bounds = Bounds::uniform(SHAPES, 0.0, 1.0);
-    let fit = basis.fit(&target, &bounds, 0.0).expect("the target matches");
+    let fit = basis
+        .fit(&target, &bounds, 0.0)
+        .expect("the target matches");
     println!("{} iterations, {:?}", fit.iterations, fit.weights);
     criterion.bench_function("blend weights 9006 x 37", |bencher| {
         bencher.iter(|| basis.fit(black_box(&target), &bounds, 0.0));

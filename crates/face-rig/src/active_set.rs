@@ -50,7 +50,10 @@ impl BoundedProgram<'_> {
         let limit = 20 * count + 20;
         for iteration in 1..=limit {
             let goal = self.minimise_free(&state);
-            if let Some(index) = released.take().filter(|&index| self.points_outwards(&state, &goal, index)) {
+            if let Some(index) = released
+                .take()
+                .filter(|&index| self.points_outwards(&state, &goal, index))
+            {
                 // Rounding alone made this bound look worth releasing: it is not, until something else has moved.
                 self.bind_nearest(&mut state, index);
                 settled[index] = true;
@@ -86,7 +89,10 @@ impl BoundedProgram<'_> {
         });
         let mut right_side = DVector::from_fn(free.len(), |row, _| {
             let column = self.hessian.column(free[row]);
-            let fixed: f64 = bound.iter().map(|&index| column[index] * state.weights[index]).sum();
+            let fixed: f64 = bound
+                .iter()
+                .map(|&index| column[index] * state.weights[index])
+                .sum();
             self.linear[free[row]] - fixed
         });
         factor_definite(reduced).solve_mut(&mut right_side);
@@ -123,7 +129,8 @@ impl BoundedProgram<'_> {
 
     fn points_outwards(&self, state: &State, goal: &DVector<f64>, index: usize) -> bool {
         let weight = state.weights[index];
-        (weight <= self.lower[index] && goal[index] <= weight) || (weight >= self.upper[index] && goal[index] >= weight)
+        (weight <= self.lower[index] && goal[index] <= weight)
+            || (weight >= self.upper[index] && goal[index] >= weight)
     }
 
     /// Moves as far towards `goal` as the bounds allow; true when a bound was met.
@@ -141,12 +148,20 @@ impl BoundedProgram<'_> {
         for index in state.free() {
             let (from, to) = (state.weights[index], goal[index]);
             let (lower, upper) = (self.lower[index], self.upper[index]);
-            let reached = if blocked { from + fraction * (to - from) } else { to };
+            let reached = if blocked {
+                from + fraction * (to - from)
+            } else {
+                to
+            };
             state.weights[index] = reached.clamp(lower, upper);
             let wall = to.clamp(lower, upper);
             if wall != to && (wall - from) / (to - from) <= fraction {
                 state.weights[index] = wall;
-                state.activity[index] = if to < lower { Activity::Lower } else { Activity::Upper };
+                state.activity[index] = if to < lower {
+                    Activity::Lower
+                } else {
+                    Activity::Upper
+                };
             }
         }
         blocked

@@ -56,7 +56,11 @@ impl Bounds {
         for (shape, (&lower, &upper)) in self.lower.iter().zip(&self.upper).enumerate() {
             let finite_inside = lower < f64::INFINITY && upper > f64::NEG_INFINITY;
             if !(lower <= upper && finite_inside) {
-                return Err(RigError::CrossedBounds { shape, lower, upper });
+                return Err(RigError::CrossedBounds {
+                    shape,
+                    lower,
+                    upper,
+                });
             }
         }
         Ok(())
@@ -96,11 +100,17 @@ impl BlendBasis {
     /// # Errors
     /// As [`BlendBasis::new`]; and when the weights differ in number from the vertices, one is negative or not finite, or
     /// all are zero.
-    pub fn weighted(deltas: Vec<Vec<Vector3<f64>>>, vertex_weights: &[f64]) -> Result<Self, RigError> {
+    pub fn weighted(
+        deltas: Vec<Vec<Vector3<f64>>>,
+        vertex_weights: &[f64],
+    ) -> Result<Self, RigError> {
         Self::build(deltas, Some(vertex_weights))
     }
 
-    fn build(deltas: Vec<Vec<Vector3<f64>>>, vertex_weights: Option<&[f64]>) -> Result<Self, RigError> {
+    fn build(
+        deltas: Vec<Vec<Vector3<f64>>>,
+        vertex_weights: Option<&[f64]>,
+    ) -> Result<Self, RigError> {
         let vertices = check_shapes(&deltas)?;
         let roots = vertex_weights
             .map(|weights| check_vertex_weights(weights, vertices))
@@ -141,11 +151,18 @@ impl BlendBasis {
     /// # Errors
     /// When vertex or bound counts do not match the basis, a coordinate is not finite, a lower bound is above its upper
     /// one, or `regularisation` is negative or not finite.
-    pub fn fit(&self, delta: &[Vector3<f64>], bounds: &Bounds, regularisation: f64) -> Result<BlendFit, RigError> {
+    pub fn fit(
+        &self,
+        delta: &[Vector3<f64>],
+        bounds: &Bounds,
+        regularisation: f64,
+    ) -> Result<BlendFit, RigError> {
         self.check_target(delta)?;
         bounds.check(self.shape_count())?;
         if !(regularisation >= 0.0 && regularisation.is_finite()) {
-            return Err(RigError::Regularisation { value: regularisation });
+            return Err(RigError::Regularisation {
+                value: regularisation,
+            });
         }
         let mut target = vec![0.0; 3 * delta.len()];
         flatten_into(delta, self.roots.as_deref(), &mut target);
@@ -245,7 +262,11 @@ fn check_shapes(deltas: &[Vec<Vector3<f64>>]) -> Result<usize, RigError> {
         }
         for (vertex, displacement) in delta.iter().enumerate() {
             if let Some(&value) = displacement.iter().find(|value| !value.is_finite()) {
-                return Err(RigError::NonFiniteShape { shape, vertex, value });
+                return Err(RigError::NonFiniteShape {
+                    shape,
+                    vertex,
+                    value,
+                });
             }
         }
     }
@@ -270,7 +291,10 @@ fn check_vertex_weights(weights: &[f64], vertices: usize) -> Result<Vec<f64>, Ri
             expected: vertices,
         });
     }
-    if let Some(vertex) = weights.iter().position(|weight| !(*weight >= 0.0 && weight.is_finite())) {
+    if let Some(vertex) = weights
+        .iter()
+        .position(|weight| !(*weight >= 0.0 && weight.is_finite()))
+    {
         return Err(RigError::VertexWeight {
             vertex,
             weight: weights[vertex],

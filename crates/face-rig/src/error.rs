@@ -7,7 +7,9 @@ use thiserror::Error;
 #[non_exhaustive]
 pub enum RigError {
     /// The two point sets of a joint fit differ in length.
-    #[error("{from} points cannot be matched with {to}: give one target for each point, in the same order")]
+    #[error(
+        "{from} points cannot be matched with {to}: give one target for each point, in the same order"
+    )]
     PointCount {
         /// Number of points before the motion.
         from: usize,
@@ -15,7 +17,9 @@ pub enum RigError {
         to: usize,
     },
     /// A joint fit got no points.
-    #[error("a joint cannot be fitted to no points: give at least one, better three that are not in line")]
+    #[error(
+        "a joint cannot be fitted to no points: give at least one, better three that are not in line"
+    )]
     NoPoints,
     /// A pivot fit got no motions.
     #[error("a pivot cannot be found from no motions: give at least one that rotates")]
@@ -39,7 +43,9 @@ pub enum RigError {
         expected: usize,
     },
     /// The displacement to be fitted differs from the basis in its number of vertices.
-    #[error("the target has {found} vertices, the basis {expected}: both must belong to the same mesh")]
+    #[error(
+        "the target has {found} vertices, the basis {expected}: both must belong to the same mesh"
+    )]
     TargetVertexCount {
         /// Number of vertices of the target.
         found: usize,
@@ -66,7 +72,9 @@ pub enum RigError {
     #[error("all vertex weights are zero: give at least one vertex a positive weight")]
     NoVertexWeight,
     /// A coordinate of a shape is infinite or not a number.
-    #[error("shape {shape}, vertex {vertex}: {value} is not finite: mend the shape before building the basis")]
+    #[error(
+        "shape {shape}, vertex {vertex}: {value} is not finite: mend the shape before building the basis"
+    )]
     NonFiniteShape {
         /// Index of the shape.
         shape: usize,
@@ -85,7 +93,9 @@ pub enum RigError {
     #[error("the target is too large to square: use another length unit")]
     TargetScale,
     /// A coordinate of a target, point or motion is infinite or not a number.
-    #[error("entry {index} of the input has the coordinate {value}, which is not finite: mend or drop that entry")]
+    #[error(
+        "entry {index} of the input has the coordinate {value}, which is not finite: mend or drop that entry"
+    )]
     NonFinite {
         /// Index of the vertex, point or motion.
         index: usize,
@@ -93,7 +103,9 @@ pub enum RigError {
         value: f64,
     },
     /// There is not one lower and one upper bound for each shape.
-    #[error("{lower} lower and {upper} upper bounds for {shapes} shapes: give one of each for every shape")]
+    #[error(
+        "{lower} lower and {upper} upper bounds for {shapes} shapes: give one of each for every shape"
+    )]
     BoundCount {
         /// Number of lower bounds.
         lower: usize,
@@ -103,7 +115,9 @@ pub enum RigError {
         shapes: usize,
     },
     /// A lower bound is above the upper one, or the pair leaves no finite weight.
-    #[error("shape {shape}: the bounds {lower} to {upper} leave no finite weight: need lower <= upper, neither NaN")]
+    #[error(
+        "shape {shape}: the bounds {lower} to {upper} leave no finite weight: need lower <= upper, neither NaN"
+    )]
     CrossedBounds {
         /// Index of the shape.
         shape: usize,

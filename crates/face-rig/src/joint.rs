@@ -50,8 +50,12 @@ impl Joint {
     pub fn transform(&self, theta: JointParameters) -> Isometry3<f64> {
         let rotation = UnitQuaternion::from_axis_angle(&Vector3::y_axis(), theta[1])
             * UnitQuaternion::from_axis_angle(&Vector3::x_axis(), theta[0]);
-        let translation = self.pivot + translation(theta) - Self::rotation(theta) * self.pivot;
-        Isometry3::from_parts(Translation3::from(translation), rotation)
+        Isometry3::from_parts(Translation3::from(self.offset(theta)), rotation)
+    }
+
+    /// The constant c = pivot + t - R pivot of the motion x -> R x + c.
+    fn offset(&self, theta: JointParameters) -> Vector3<f64> {
+        self.pivot - Self::rotation(theta) * self.pivot + translation(theta)
     }
 
     /// Where the motion takes each of `points` (length units); one result for each point, in order.
@@ -65,12 +69,18 @@ impl Joint {
     ///
     /// # Panics
     /// When `moved` and `points` differ in length.
-    pub fn positions_into(&self, theta: JointParameters, points: &[Vector3<f64>], moved: &mut [Vector3<f64>]) {
+    pub fn positions_into(
+        &self,
+        theta: JointParameters,
+        points: &[Vector3<f64>],
+        moved: &mut [Vector3<f64>],
+    ) {
         assert_eq!(moved.len(), points.len(), "one buffer entry for each point");
         let rotation = Self::rotation(theta);
-        let centre = self.pivot + translation(theta);
+        // One constant for all points: at rest it is exactly zero, and nothing moves by a rounding error.
+        let offset = self.offset(theta);
         for (target, point) in moved.iter_mut().zip(points) {
-            *target = rotation * (point - self.pivot) + centre;
+            *target = rotation * point + offset;
         }
     }
 
@@ -111,7 +121,11 @@ impl Joint {
         points: &[Vector3<f64>],
         points_bar: &[Vector3<f64>],
     ) -> JointParameters {
-        assert_eq!(points_bar.len(), points.len(), "one cotangent for each point");
+        assert_eq!(
+            points_bar.len(),
+            points.len(),
+            "one cotangent for each point"
+        );
         let rotation = Self::rotation(theta);
         let mut force = Vector3::zeros();
         let mut torque = Vector3::zeros();
@@ -119,7 +133,13 @@ impl Joint {
             force += point_bar;
             torque += (rotation * (point - self.pivot)).cross(point_bar);
         }
-        [rotation.column(0).dot(&torque), torque.y, force.x, force.y, force.z]
+        [
+            rotation.column(0).dot(&torque),
+            torque.y,
+            force.x,
+            force.y,
+            force.z,
+        ]
     }
 
     /// The cotangent of the parameters from that of the motion x -> R x + c of [`Joint::transform`], where
@@ -145,6 +165,6 @@ impl Joint {
     }
 }
 
-pub(crate) fn translation(theta: JointParameters) -> Vector3<f64> {
+fn translation(theta: JointParameters) -> Vector3<f64> {
     Vector3::new(theta[2], theta[3], theta[4])
 }

@@ -96,7 +96,10 @@ impl Joint {
         let [pitch, yaw] = nearest_angles(&rotation);
         let slide = slide_of(motion, self.pivot);
         let parameters = [pitch, yaw, slide.x, slide.y, slide.z];
-        let residual_angle = self.transform(parameters).rotation.angle_to(&motion.rotation);
+        let residual_angle = self
+            .transform(parameters)
+            .rotation
+            .angle_to(&motion.rotation);
         Ok(MotionFit {
             parameters,
             residual_angle,
@@ -169,7 +172,11 @@ fn nearest_angles(correlation: &Matrix3<f64>) -> [f64; 2] {
     let mut yaw = 0.0;
     for sample in 1..YAW_SAMPLES {
         let half = sample.div_ceil(2) as f64;
-        let candidate = if sample % 2 == 1 { half * step } else { -half * step };
+        let candidate = if sample % 2 == 1 {
+            half * step
+        } else {
+            -half * step
+        };
         if score(candidate) > score(yaw) + margin {
             yaw = candidate;
         }
@@ -263,7 +270,12 @@ fn mean(points: &[Vector3<f64>]) -> Vector3<f64> {
 }
 
 fn distances(found: &[Vector3<f64>], wanted: &[Vector3<f64>]) -> (f64, f64) {
-    let squares = || found.iter().zip(wanted).map(|(a, b)| (a - b).norm_squared());
+    let squares = || {
+        found
+            .iter()
+            .zip(wanted)
+            .map(|(a, b)| (a - b).norm_squared())
+    };
     let rms = (squares().sum::<f64>() / found.len() as f64).sqrt();
     (rms, squares().fold(0.0, f64::max).sqrt())
 }
@@ -277,7 +289,12 @@ pub(crate) fn check_finite(index: usize, vector: &Vector3<f64>) -> Result<(), Ri
 
 fn check_motion(index: usize, motion: &Isometry3<f64>) -> Result<(), RigError> {
     check_finite(index, &motion.translation.vector)?;
-    match motion.rotation.coords.iter().find(|value| !value.is_finite()) {
+    match motion
+        .rotation
+        .coords
+        .iter()
+        .find(|value| !value.is_finite())
+    {
         Some(&value) => Err(RigError::NonFinite { index, value }),
         None => Ok(()),
     }

@@ -24,6 +24,11 @@
 //! # Ok::<(), face_rig::RigError>(())
 //! ```
 
+/// Compiles the example of the README.
+#[cfg(doctest)]
+#[doc = include_str!("../README.md")]
+struct Readme;
+
 mod active_set;
 mod blend;
 mod error;

@@ -20,7 +20,9 @@ impl Noise {
     }
 
     fn shape(&mut self, vertices: usize) -> Shape {
-        (0..vertices).map(|_| Vector3::from_fn(|_, _| self.next())).collect()
+        (0..vertices)
+            .map(|_| Vector3::from_fn(|_, _| self.next()))
+            .collect()
     }
 
     fn shapes(&mut self, count: usize, vertices: usize) -> Vec<Shape> {
@@ -30,7 +32,13 @@ impl Noise {
 
 fn combine(shapes: &[Shape], weights: &[f64]) -> Shape {
     (0..shapes[0].len())
-        .map(|vertex| shapes.iter().zip(weights).map(|(shape, weight)| shape[vertex] * *weight).sum())
+        .map(|vertex| {
+            shapes
+                .iter()
+                .zip(weights)
+                .map(|(shape, weight)| shape[vertex] * *weight)
+                .sum()
+        })
         .collect()
 }
 
@@ -47,23 +55,45 @@ fn slopes(shapes: &[Shape], target: &Shape, weights: &[f64], regularisation: f64
     let reached = combine(shapes, weights);
     let rest: Shape = reached.iter().zip(target).map(|(a, b)| a - b).collect();
     let ridge = (regularisation + RIDGE) * mean_square(shapes);
-    shapes.iter().zip(weights).map(|(shape, weight)| inner(shape, &rest) + ridge * weight).collect()
+    shapes
+        .iter()
+        .zip(weights)
+        .map(|(shape, weight)| inner(shape, &rest) + ridge * weight)
+        .collect()
 }
 
 /// The Karush-Kuhn-Tucker conditions: feasible, no slope where free, slope outwards at a bound.
-fn assert_optimal(shapes: &[Shape], target: &Shape, bounds: &Bounds, regularisation: f64, fit: &BlendFit) {
+fn assert_optimal(
+    shapes: &[Shape],
+    target: &Shape,
+    bounds: &Bounds,
+    regularisation: f64,
+    fit: &BlendFit,
+) {
     assert!(fit.converged, "{fit:?}");
     let slopes = slopes(shapes, target, &fit.weights, regularisation);
     let size = inner(target, target).sqrt().max(1e-300);
     for (index, slope) in slopes.iter().enumerate() {
         let weight = fit.weights[index];
         let (lower, upper) = (bounds.lower[index], bounds.upper[index]);
-        assert!(lower <= weight && weight <= upper, "weight {index} = {weight} outside {lower}..{upper}");
+        assert!(
+            lower <= weight && weight <= upper,
+            "weight {index} = {weight} outside {lower}..{upper}"
+        );
         let relative = slope / (size * inner(&shapes[index], &shapes[index]).sqrt().max(1e-300));
         match fit.activity[index] {
-            Activity::Free => assert!(relative.abs() < 1e-10, "free weight {index} has slope {relative}"),
-            Activity::Lower => assert!(weight == lower && (relative > -1e-10 || lower == upper), "{index}: {relative}"),
-            Activity::Upper => assert!(weight == upper && (relative < 1e-10 || lower == upper), "{index}: {relative}"),
+            Activity::Free => assert!(
+                relative.abs() < 1e-10,
+                "free weight {index} has slope {relative}"
+            ),
+            Activity::Lower => assert!(
+                weight == lower && (relative > -1e-10 || lower == upper),
+                "{index}: {relative}"
+            ),
+            Activity::Upper => assert!(
+                weight == upper && (relative < 1e-10 || lower == upper),
+                "{index}: {relative}"
+            ),
         }
     }
 }
@@ -76,7 +106,9 @@ fn oracle(shapes: &[Shape], target: &Shape, bounds: &Bounds, regularisation: f64
     for column in 0..count {
         for row in 0..=column {
             rows.push(row);
-            values.push(inner(&shapes[row], &shapes[column]) + if row == column { ridge } else { 0.0 });
+            values.push(
+                inner(&shapes[row], &shapes[column]) + if row == column { ridge } else { 0.0 },
+            );
         }
         pointers.push(rows.len());
     }
@@ -86,10 +118,17 @@ fn oracle(shapes: &[Shape], target: &Shape, bounds: &Bounds, regularisation: f64
         2 * count,
         count,
         (0..=count).map(|column| 2 * column).collect(),
-        (0..count).flat_map(|column| [column, count + column]).collect(),
+        (0..count)
+            .flat_map(|column| [column, count + column])
+            .collect(),
         [1.0, -1.0].repeat(count),
     );
-    let limits: Vec<f64> = bounds.upper.iter().copied().chain(bounds.lower.iter().map(|lower| -lower)).collect();
+    let limits: Vec<f64> = bounds
+        .upper
+        .iter()
+        .copied()
+        .chain(bounds.lower.iter().map(|lower| -lower))
+        .collect();
     let settings = DefaultSettingsBuilder::default()
         .verbose(false)
         .tol_gap_abs(1e-12)
@@ -98,13 +137,18 @@ fn oracle(shapes: &[Shape], target: &Shape, bounds: &Bounds, regularisation: f64
         .build()
         .unwrap();
     let cones = [NonnegativeConeT(2 * count)];
-    let mut solver = DefaultSolver::new(&quadratic, &linear, &box_rows, &limits, &cones, settings).unwrap();
+    let mut solver =
+        DefaultSolver::new(&quadratic, &linear, &box_rows, &limits, &cones, settings).unwrap();
     solver.solve();
     solver.solution.x
 }
 
 fn objective(shapes: &[Shape], target: &Shape, weights: &[f64], regularisation: f64) -> f64 {
-    let rest: Shape = combine(shapes, weights).iter().zip(target).map(|(a, b)| a - b).collect();
+    let rest: Shape = combine(shapes, weights)
+        .iter()
+        .zip(target)
+        .map(|(a, b)| a - b)
+        .collect();
     let ridge = (regularisation + RIDGE) * mean_square(shapes);
     inner(&rest, &rest) + ridge * weights.iter().map(|weight| weight * weight).sum::<f64>()
 }
@@ -161,23 +205,39 @@ fn fits_agree_with_an_interior_point_solver() {
         let target: Shape = noise.shape(40).iter().map(|v| v * 4.0).collect();
         let bounds = Bounds::uniform(count, 0.0, 0.4);
         let regularisation = if round % 2 == 0 { 0.0 } else { 1e-2 };
-        let fit = BlendBasis::new(shapes.clone()).unwrap().fit(&target, &bounds, regularisation).unwrap();
+        let fit = BlendBasis::new(shapes.clone())
+            .unwrap()
+            .fit(&target, &bounds, regularisation)
+            .unwrap();
         let reference = oracle(&shapes, &target, &bounds, regularisation);
         for (found, wanted) in fit.weights.iter().zip(&reference) {
-            assert!((found - wanted).abs() < 1e-6, "round {round}: {found} against {wanted}");
+            assert!(
+                (found - wanted).abs() < 1e-6,
+                "round {round}: {found} against {wanted}"
+            );
         }
         let ours = objective(&shapes, &target, &fit.weights, regularisation);
         assert!(ours <= objective(&shapes, &target, &reference, regularisation) * (1.0 + 1e-9));
-        bound_total += fit.activity.iter().filter(|&&activity| activity != Activity::Free).count();
+        bound_total += fit
+            .activity
+            .iter()
+            .filter(|&&activity| activity != Activity::Free)
+            .count();
     }
-    assert!(bound_total > 100, "the cases must exercise the bounds, only {bound_total} were met");
+    assert!(
+        bound_total > 100,
+        "the cases must exercise the bounds, only {bound_total} were met"
+    );
 }
 
 #[test]
 fn residuals_are_those_of_the_shapes() {
     let shapes = vec![vec![Vector3::x(), Vector3::zeros()]];
     let target = vec![Vector3::x() * 0.25, Vector3::y() * 3.0];
-    let fit = BlendBasis::new(shapes).unwrap().fit(&target, &Bounds::uniform(1, 0.0, 1.0), 0.0).unwrap();
+    let fit = BlendBasis::new(shapes)
+        .unwrap()
+        .fit(&target, &Bounds::uniform(1, 0.0, 1.0), 0.0)
+        .unwrap();
     assert!((fit.weights[0] - 0.25).abs() < 1e-11);
     assert!((fit.residual_max - 3.0).abs() < 1e-14);
     assert!((fit.residual_rms - 4.5_f64.sqrt()).abs() < 1e-14);
@@ -188,7 +248,9 @@ fn repeated_shapes_share_their_weight() {
     let shape = Noise(3).shape(10);
     let target: Shape = shape.iter().map(|v| v * 0.8).collect();
     let basis = BlendBasis::new(vec![shape.clone(), shape]).unwrap();
-    let fit = basis.fit(&target, &Bounds::uniform(2, 0.0, 1.0), 0.0).unwrap();
+    let fit = basis
+        .fit(&target, &Bounds::uniform(2, 0.0, 1.0), 0.0)
+        .unwrap();
     assert!((fit.weights[0] + fit.weights[1] - 0.8).abs() < 1e-11);
     assert!((fit.weights[0] - 0.4).abs() < 1e-3, "{:?}", fit.weights);
 }
@@ -199,7 +261,10 @@ fn a_basis_larger_than_the_mesh_still_fits() {
     let shapes = noise.shapes(300, 4);
     let target = noise.shape(4);
     let bounds = Bounds::uniform(300, 0.0, 1.0);
-    let fit = BlendBasis::new(shapes.clone()).unwrap().fit(&target, &bounds, 0.0).unwrap();
+    let fit = BlendBasis::new(shapes.clone())
+        .unwrap()
+        .fit(&target, &bounds, 0.0)
+        .unwrap();
     assert_optimal(&shapes, &target, &bounds, 0.0, &fit);
     assert!(fit.residual_rms < 1e-9);
 }
@@ -223,10 +288,17 @@ fn vertex_weights_count_like_repeated_vertices() {
     let target = noise.shape(6);
     let counts = [3.0, 1.0, 0.0, 2.0, 1.0, 1.0];
     let repeat = |shape: &Shape| -> Shape {
-        shape.iter().zip(counts).flat_map(|(v, count)| vec![*v; count as usize]).collect()
+        shape
+            .iter()
+            .zip(counts)
+            .flat_map(|(v, count)| vec![*v; count as usize])
+            .collect()
     };
     let bounds = Bounds::uniform(4, 0.0, 1.0);
-    let weighted = BlendBasis::weighted(shapes.clone(), &counts).unwrap().fit(&target, &bounds, 0.0).unwrap();
+    let weighted = BlendBasis::weighted(shapes.clone(), &counts)
+        .unwrap()
+        .fit(&target, &bounds, 0.0)
+        .unwrap();
     let repeated = BlendBasis::new(shapes.iter().map(repeat).collect()).unwrap();
     let repeated = repeated.fit(&repeat(&target), &bounds, 0.0).unwrap();
     for (a, b) in weighted.weights.iter().zip(&repeated.weights) {
@@ -242,7 +314,10 @@ fn bad_input_is_named() {
     let basis = BlendBasis::new(vec![shape.clone(); 2]).unwrap();
     let unit = Bounds::uniform(2, 0.0, 1.0);
     assert_eq!(BlendBasis::new(vec![]).unwrap_err(), RigError::EmptyBasis);
-    assert_eq!(BlendBasis::new(vec![vec![]]).unwrap_err(), RigError::NoVertices);
+    assert_eq!(
+        BlendBasis::new(vec![vec![]]).unwrap_err(),
+        RigError::NoVertices
+    );
     assert_eq!(
         BlendBasis::new(vec![shape.clone(), vec![Vector3::x()]]).unwrap_err(),
         RigError::ShapeVertexCount {
@@ -253,33 +328,64 @@ fn bad_input_is_named() {
     );
     assert!(matches!(
         BlendBasis::new(vec![vec![Vector3::new(f64::NAN, 0.0, 0.0)]]).unwrap_err(),
-        RigError::NonFiniteShape { shape: 0, vertex: 0, .. }
+        RigError::NonFiniteShape {
+            shape: 0,
+            vertex: 0,
+            ..
+        }
     ));
     for scale in [1e-200, 1e200] {
         let scaled = vec![shape.iter().map(|v| v * scale).collect()];
-        assert_eq!(BlendBasis::new(scaled).unwrap_err(), RigError::ShapeScale { shape: 0 });
+        assert_eq!(
+            BlendBasis::new(scaled).unwrap_err(),
+            RigError::ShapeScale { shape: 0 }
+        );
     }
     assert_eq!(
-        basis.fit(&vec![Vector3::x() * 1e200; 3], &unit, 0.0).unwrap_err(),
+        basis
+            .fit(&vec![Vector3::x() * 1e200; 3], &unit, 0.0)
+            .unwrap_err(),
         RigError::TargetScale
     );
     assert_eq!(
         basis.fit(&shape[..1], &unit, 0.0).unwrap_err(),
-        RigError::TargetVertexCount { found: 1, expected: 3 }
+        RigError::TargetVertexCount {
+            found: 1,
+            expected: 3
+        }
     );
     assert_eq!(
-        basis.fit(&shape, &Bounds::uniform(1, 0.0, 1.0), 0.0).unwrap_err(),
+        basis
+            .fit(&shape, &Bounds::uniform(1, 0.0, 1.0), 0.0)
+            .unwrap_err(),
         RigError::BoundCount {
             lower: 1,
             upper: 1,
             shapes: 2
         }
     );
-    for (lower, upper) in [(1.0, 0.0), (f64::INFINITY, f64::INFINITY), (f64::NEG_INFINITY, f64::NEG_INFINITY)] {
-        let error = basis.fit(&shape, &Bounds::uniform(2, lower, upper), 0.0).unwrap_err();
-        assert_eq!(error, RigError::CrossedBounds { shape: 0, lower, upper });
+    for (lower, upper) in [
+        (1.0, 0.0),
+        (f64::INFINITY, f64::INFINITY),
+        (f64::NEG_INFINITY, f64::NEG_INFINITY),
+    ] {
+        let error = basis
+            .fit(&shape, &Bounds::uniform(2, lower, upper), 0.0)
+            .unwrap_err();
+        assert_eq!(
+            error,
+            RigError::CrossedBounds {
+                shape: 0,
+                lower,
+                upper
+            }
+        );
     }
-    assert!(basis.fit(&shape, &Bounds::uniform(2, f64::NAN, 1.0), 0.0).is_err());
+    assert!(
+        basis
+            .fit(&shape, &Bounds::uniform(2, f64::NAN, 1.0), 0.0)
+            .is_err()
+    );
     assert_eq!(
         basis.fit(&shape, &unit, -1.0).unwrap_err(),
         RigError::Regularisation { value: -1.0 }
@@ -288,5 +394,8 @@ fn bad_input_is_named() {
         BlendBasis::weighted(vec![shape.clone()], &[1.0, -1.0, 0.0]).unwrap_err(),
         RigError::VertexWeight { vertex: 1, .. }
     ));
-    assert_eq!(BlendBasis::weighted(vec![shape], &[0.0; 3]).unwrap_err(), RigError::NoVertexWeight);
+    assert_eq!(
+        BlendBasis::weighted(vec![shape], &[0.0; 3]).unwrap_err(),
+        RigError::NoVertexWeight
+    );
 }

@@ -10,7 +10,8 @@ fn vector(scale: f64) -> impl Strategy<Value = Vector3<f64>> {
 }
 
 fn parameters(angle: f64) -> impl Strategy<Value = JointParameters> {
-    (-angle..angle, -angle..angle, vector(3.0)).prop_map(|(pitch, yaw, t)| [pitch, yaw, t.x, t.y, t.z])
+    (-angle..angle, -angle..angle, vector(3.0))
+        .prop_map(|(pitch, yaw, t)| [pitch, yaw, t.x, t.y, t.z])
 }
 
 fn dot(a: &[Vector3<f64>], b: &[Vector3<f64>]) -> f64 {
@@ -18,13 +19,24 @@ fn dot(a: &[Vector3<f64>], b: &[Vector3<f64>]) -> f64 {
 }
 
 fn difference(a: &[Vector3<f64>], b: &[Vector3<f64>]) -> f64 {
-    a.iter().zip(b).map(|(a, b)| (a - b).norm()).fold(0.0, f64::max)
+    a.iter()
+        .zip(b)
+        .map(|(a, b)| (a - b).norm())
+        .fold(0.0, f64::max)
 }
 
 /// Fourth-order central difference of `f` along `direction`.
-fn slope(f: impl Fn(JointParameters) -> f64, at: JointParameters, direction: JointParameters) -> f64 {
+fn slope(
+    f: impl Fn(JointParameters) -> f64,
+    at: JointParameters,
+    direction: JointParameters,
+) -> f64 {
     let step = 1e-3;
-    let value = |factor: f64| f(std::array::from_fn(|i| at[i] + factor * step * direction[i]));
+    let value = |factor: f64| {
+        f(std::array::from_fn(|i| {
+            at[i] + factor * step * direction[i]
+        }))
+    };
     (8.0 * (value(1.0) - value(-1.0)) - (value(2.0) - value(-2.0))) / (12.0 * step)
 }
 
@@ -33,7 +45,11 @@ fn jaw_points() -> Vec<Vector3<f64>> {
     (0..40)
         .map(|i| {
             let t = i as f64;
-            Vector3::new(6.0 * (1.3 * t).sin(), -3.0 + 2.0 * (2.1 * t).cos(), 5.0 + 4.0 * (0.7 * t).sin())
+            Vector3::new(
+                6.0 * (1.3 * t).sin(),
+                -3.0 + 2.0 * (2.1 * t).cos(),
+                5.0 + 4.0 * (0.7 * t).sin(),
+            )
         })
         .collect()
 }
@@ -51,7 +67,7 @@ proptest! {
     }
 
     #[test]
-    fn pure_pitch_and_pure_yaw_are_groups(pivot in vector(10.0), first in -9.0..9.0, second in -9.0..9.0) {
+    fn pure_pitch_and_pure_yaw_are_groups(pivot in vector(10.0), first in -9.0..9.0_f64, second in -9.0..9.0_f64) {
         let joint = Joint::new(pivot);
         for axis in 0..2 {
             let turn = |angle: f64| {
@@ -68,7 +84,7 @@ proptest! {
 
     #[test]
     fn cotangent_passes_the_dot_product_and_slope_tests(
-        pivot in vector(10.0), theta in parameters(20.0), direction in parameters(1.0), seed in 0.0..9.0,
+        pivot in vector(10.0), theta in parameters(20.0), direction in parameters(1.0), seed in 0.0..9.0_f64,
     ) {
         let joint = Joint::new(pivot);
         let points = jaw_points();
@@ -171,7 +187,10 @@ proptest! {
 fn rest_moves_nothing() {
     let joint = Joint::new(Vector3::new(1.0, -2.0, 3.0));
     assert_eq!(joint.transform(Joint::REST), Isometry3::identity());
-    assert_eq!(difference(&joint.positions(Joint::REST, &jaw_points()), &jaw_points()), 0.0);
+    assert_eq!(
+        difference(&joint.positions(Joint::REST, &jaw_points()), &jaw_points()),
+        0.0
+    );
 }
 
 #[test]
@@ -190,7 +209,10 @@ fn angles_a_point_set_leaves_open_are_zero() {
 
     let ear_to_ear = [Vector3::new(-2.0, 0.0, 0.0), Vector3::new(2.0, 0.0, 0.0)];
     let fit = joint.fit(&ear_to_ear, &ear_to_ear).unwrap();
-    assert!(fit.parameters.iter().all(|value| value.abs() < 1e-14), "{fit:?}");
+    assert!(
+        fit.parameters.iter().all(|value| value.abs() < 1e-14),
+        "{fit:?}"
+    );
 }
 
 #[test]
@@ -206,7 +228,10 @@ fn motions_without_rotation_leave_the_pivot_where_it_was() {
 fn bad_points_are_named() {
     let joint = Joint::new(Vector3::zeros());
     let two = [Vector3::zeros(), Vector3::x()];
-    assert_eq!(joint.fit(&two, &two[..1]), Err(RigError::PointCount { from: 2, to: 1 }));
+    assert_eq!(
+        joint.fit(&two, &two[..1]),
+        Err(RigError::PointCount { from: 2, to: 1 })
+    );
     assert_eq!(joint.fit(&[], &[]), Err(RigError::NoPoints));
     let bad = [Vector3::zeros(), Vector3::new(0.0, f64::INFINITY, 0.0)];
     assert_eq!(
@@ -226,14 +251,20 @@ fn arrays(text: &str, key: &str) -> Vec<Vec<f64>> {
         .map(|rest| {
             let open = rest.find('[').unwrap() + 1;
             let close = rest.find(']').unwrap();
-            rest[open..close].split(',').map(|number| number.trim().parse().unwrap()).collect()
+            rest[open..close]
+                .split(',')
+                .map(|number| number.trim().parse().unwrap())
+                .collect()
         })
         .collect()
 }
 
 #[test]
 fn the_jaw_of_a_real_face_is_a_joint() {
-    let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../../../shared/data/face_ict/train_frames.json");
+    let path = concat!(
+        env!("CARGO_MANIFEST_DIR"),
+        "/../../../shared/data/face_ict/train_frames.json"
+    );
     let Ok(text) = std::fs::read_to_string(path) else {
         eprintln!("skipped: the ICT face frames are not here");
         return;
@@ -243,17 +274,28 @@ fn the_jaw_of_a_real_face_is_a_joint() {
         .zip(arrays(&text, "\"translation_cm\""))
         .map(|(rotation, t)| {
             let rotation = Rotation3::from_matrix(&Matrix3::from_row_slice(rotation));
-            Isometry3::from_parts(Translation3::new(t[0], t[1], t[2]), UnitQuaternion::from_rotation_matrix(&rotation))
+            Isometry3::from_parts(
+                Translation3::new(t[0], t[1], t[2]),
+                UnitQuaternion::from_rotation_matrix(&rotation),
+            )
         })
         .collect();
     assert_eq!(motions.len(), 27);
-    let openings: Vec<_> = motions.iter().filter(|motion| motion.rotation.angle() > 0.1).copied().collect();
+    let openings: Vec<_> = motions
+        .iter()
+        .filter(|motion| motion.rotation.angle() > 0.1)
+        .copied()
+        .collect();
     let pivot = Joint::fit_pivot(&openings, Vector3::zeros()).unwrap();
     let worst = motions
         .iter()
         .map(|motion| pivot.joint.fit_motion(motion).unwrap().residual_angle)
         .fold(0.0, f64::max);
-    eprintln!("pivot {:.3?} cm, slide {:.3} cm, roll {worst:.2e} rad", pivot.joint.pivot.as_slice(), pivot.slide_rms);
+    eprintln!(
+        "pivot {:.3?} cm, slide {:.3} cm, roll {worst:.2e} rad",
+        pivot.joint.pivot.as_slice(),
+        pivot.slide_rms
+    );
     // Two rotations suffice: what the joint cannot follow is far below the 0.1 mm that the data itself claims.
     assert!(worst < 1e-2);
     // The hinge lies behind and above the mouth, which is at y -3.45, z 10.3 cm.
