@@ -1,0 +1,103 @@
+//! What can go wrong when a problem is set up. A solve that does not converge is not an error: it is a
+//! [`Status`](crate::Status) in the result.
+
+use thiserror::Error;
+
+/// Everything that [`Solver`](crate::Solver) refuses, with the place and the mend.
+#[derive(Debug, Error, Clone, PartialEq)]
+pub enum SolverError {
+    /// No elasticity among the effects: nothing would hold the body together.
+    #[error("the list of effects has no elasticity: add one `elasticity` effect")]
+    NoElasticity,
+    /// More than one effect of a kind that can only stand once.
+    #[error("effect {index} (`{kind}`) stands twice: merge it with the first one")]
+    DuplicateEffect {
+        /// Position in the list of effects.
+        index: usize,
+        /// Kind of the effect, as written in a scene.
+        kind: &'static str,
+    },
+    /// A number of an effect is not finite or out of its range.
+    #[error("effect {index}: `{field}` is {value}, expected {expected}")]
+    BadValue {
+        /// Position in the list of effects.
+        index: usize,
+        /// The field at fault.
+        field: &'static str,
+        /// What it held.
+        value: f64,
+        /// What it may hold.
+        expected: &'static str,
+    },
+    /// A node or element index that the mesh does not have.
+    #[error("effect {index}: {what} {found} is out of range, the mesh has {count}")]
+    OutOfRange {
+        /// Position in the list of effects.
+        index: usize,
+        /// `node` or `element`.
+        what: &'static str,
+        /// The index found.
+        found: usize,
+        /// How many there are.
+        count: usize,
+    },
+    /// A node that is prescribed twice.
+    #[error("effect {index}: node {node} is prescribed twice: list it once")]
+    PrescribedTwice {
+        /// Position in the list of effects.
+        index: usize,
+        /// The node.
+        node: u32,
+    },
+    /// A region of nodes that could not be resolved on this mesh.
+    #[error("effect {index}: {source}")]
+    Region {
+        /// Position in the list of effects.
+        index: usize,
+        /// Why.
+        source: hex_mesh::HexMeshError,
+    },
+    /// A connected part of the body that could move freely as a rigid body.
+    #[error(
+        "{count} connected nodes around node {node} are held by nothing, so their position is not determined: \
+         prescribe at least one of them or attach a spring"
+    )]
+    NotHeld {
+        /// One node of the part.
+        node: usize,
+        /// Nodes in the part.
+        count: usize,
+    },
+    /// An array of parameters of the wrong length.
+    #[error("`{what}` has {found} entries, expected {expected}")]
+    WrongLength {
+        /// Which array.
+        what: &'static str,
+        /// Its length.
+        found: usize,
+        /// The length that fits this solver.
+        expected: usize,
+    },
+    /// A parameter that is NaN or infinite.
+    #[error("`{what}` entry {index} is not finite")]
+    NotFinite {
+        /// Which array.
+        what: &'static str,
+        /// Which entry.
+        index: usize,
+    },
+    /// A stopping rule that can never be met.
+    #[error("the stopping rule asks for {value}: give a finite number above zero")]
+    BadStop {
+        /// What was asked.
+        value: f64,
+    },
+    /// The constant matrix could not be factored.
+    #[error("the constant matrix of {size} free nodes could not be factored: {reason}")]
+    Factorisation {
+        /// Free nodes.
+        size: usize,
+        /// What the factorisation reported.
+        reason: String,
+    },
+}

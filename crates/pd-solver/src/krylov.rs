@@ -1,0 +1,234 @@
+//! Krylov methods on nodal vectors: conjugate gradients that notice negative curvature, and MINRES for indefinite systems.
+
+use crate::vector::{NodalVector, axpy, dot, norm, scale_add, zeros};
+use nalgebra::Vector3;
+
+/// How an iterative linear solve ended.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum LinearStatus {
+    /// The residual fell below the tolerance.
+    Converged,
+    /// A direction of negative or zero curvature was met.
+    NegativeCurvature,
+    /// The limit of iterations was reached.
+    IterationLimit,
+    /// A value overflowed or lost all its digits.
+    Breakdown,
+}
+
+/// Result of an iterative linear solve.
+pub(crate) struct LinearSolution {
+    pub(crate) x: NodalVector,
+    pub(crate) status: LinearStatus,
+    pub(crate) iterations: usize,
+    /// |b - H x| / |b|, as the recurrence has it.
+    pub(crate) relative_residual: f64,
+}
+
+/// A symmetric operator and a symmetric positive definite preconditioner, both given as products.
+pub(crate) trait LinearOperator {
+    /// `out = H x`, zero where a node is prescribed.
+    fn apply(&mut self, x: &[Vector3<f64>], out: &mut NodalVector);
+    /// `out = M^-1 r`.
+    fn precondition(&mut self, r: &[Vector3<f64>], out: &mut NodalVector);
+}
+
+/// Preconditioned conjugate gradients from zero for `H x = b`.
+///
+/// Stops at the first direction `d` with `d . H d <= 0` and returns what it has by then (the first search direction when it
+/// happens at once), which is a descent direction for the quadratic model either way (Steihaug 1983).
+pub(crate) fn conjugate_gradients(
+    operator: &mut impl LinearOperator,
+    b: &[Vector3<f64>],
+    tolerance: f64,
+    max_iterations: usize,
+) -> LinearSolution {
+    let n = b.len();
+    let b_norm = norm(b);
+    let mut x = zeros(n);
+    if b_norm == 0.0 {
+        return finished(x, LinearStatus::Converged, 0, 0.0);
+    }
+    let mut r = b.to_vec();
+    let (mut z, mut q) = (zeros(n), zeros(n));
+    operator.precondition(&r, &mut z);
+    let mut d = z.clone();
+    let mut rz = dot(&r, &z);
+    let mut relative = 1.0;
+    for iteration in 0..max_iterations {
+        operator.apply(&d, &mut q);
+        let curvature = dot(&d, &q);
+        if !(rz.is_finite() && curvature.is_finite()) || rz <= 0.0 {
+            return finished(x, LinearStatus::Breakdown, iteration, relative);
+        }
+        if curvature <= 0.0 {
+            if iteration == 0 {
+                x.copy_from_slice(&d);
+            }
+            return finished(x, LinearStatus::NegativeCurvature, iteration + 1, relative);
+        }
+        let step = rz / curvature;
+        axpy(step, &d, &mut x);
+        axpy(-step, &q, &mut r);
+        relative = norm(&r) / b_norm;
+        if relative <= tolerance {
+            return finished(x, LinearStatus::Converged, iteration + 1, relative);
+        }
+        operator.precondition(&r, &mut z);
+        let next = dot(&r, &z);
+        scale_add(&mut d, next / rz, &z);
+        rz = next;
+    }
+    finished(x, LinearStatus::IterationLimit, max_iterations, relative)
+}
+
+/// Preconditioned MINRES from zero for symmetric, possibly indefinite `H x = b` (Paige and Saunders 1975, in the form of
+/// Elman, Silvester and Wathen, Algorithm 4.1). The residual is measured in the norm of the preconditioner while iterating.
+pub(crate) fn minres(
+    operator: &mut impl LinearOperator,
+    b: &[Vector3<f64>],
+    tolerance: f64,
+    max_iterations: usize,
+) -> LinearSolution {
+    let n = b.len();
+    let mut x = zeros(n);
+    let b_norm = norm(b);
+    if b_norm == 0.0 {
+        return finished(x, LinearStatus::Converged, 0, 0.0);
+    }
+    let (mut v_old, mut v) = (zeros(n), b.to_vec());
+    let (mut z, mut z_next, mut v_next) = (zeros(n), zeros(n), zeros(n));
+    operator.precondition(&v, &mut z);
+    let mut gamma = dot(&z, &v).max(0.0).sqrt();
+    let mut gamma_old = 1.0;
+    let mut eta = gamma;
+    let eta_start = eta;
+    let (mut s_old, mut s, mut c_old, mut c) = (0.0, 0.0, 1.0, 1.0);
+    let (mut w_old, mut w) = (zeros(n), zeros(n));
+    for iteration in 0..max_iterations {
+        z.iter_mut().for_each(|z| *z /= gamma);
+        operator.apply(&z, &mut v_next);
+        let delta = dot(&v_next, &z);
+        axpy(-delta / gamma, &v, &mut v_next);
+        axpy(-gamma / gamma_old, &v_old, &mut v_next);
+        operator.precondition(&v_next, &mut z_next);
+        let gamma_next = dot(&z_next, &v_next).max(0.0).sqrt();
+        let a0 = c * delta - c_old * s * gamma;
+        let a1 = a0.hypot(gamma_next);
+        let a2 = s * delta + c_old * c * gamma;
+        let a3 = s_old * gamma;
+        if !a1.is_finite() || a1 == 0.0 {
+            return true_residual(operator, b, x, LinearStatus::Breakdown, iteration);
+        }
+        (c_old, s_old) = (c, s);
+        (c, s) = (a0 / a1, gamma_next / a1);
+        for i in 0..n {
+            let w_new = (z[i] - w_old[i] * a3 - w[i] * a2) / a1;
+            x[i] += w_new * (c * eta);
+            w_old[i] = w[i];
+            w[i] = w_new;
+        }
+        eta *= -s;
+        if eta.abs() <= tolerance * eta_start || gamma_next == 0.0 {
+            return true_residual(operator, b, x, LinearStatus::Converged, iteration + 1);
+        }
+        (gamma_old, gamma) = (gamma, gamma_next);
+        std::mem::swap(&mut v_old, &mut v);
+        std::mem::swap(&mut v, &mut v_next);
+        std::mem::swap(&mut z, &mut z_next);
+    }
+    true_residual(operator, b, x, LinearStatus::IterationLimit, max_iterations)
+}
+
+fn true_residual(
+    operator: &mut impl LinearOperator,
+    b: &[Vector3<f64>],
+    x: NodalVector,
+    status: LinearStatus,
+    iterations: usize,
+) -> LinearSolution {
+    let mut r = zeros(b.len());
+    operator.apply(&x, &mut r);
+    r.iter_mut().zip(b).for_each(|(r, b)| *r = b - *r);
+    let relative = norm(&r) / norm(b);
+    finished(x, status, iterations, relative)
+}
+
+fn finished(
+    x: NodalVector,
+    status: LinearStatus,
+    iterations: usize,
+    relative_residual: f64,
+) -> LinearSolution {
+    LinearSolution {
+        x,
+        status,
+        iterations,
+        relative_residual,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Diagonal operator with a diagonal preconditioner.
+    struct Diagonal(Vec<f64>, Vec<f64>);
+
+    impl LinearOperator for Diagonal {
+        fn apply(&mut self, x: &[Vector3<f64>], out: &mut NodalVector) {
+            out.iter_mut()
+                .zip(x.iter().zip(&self.0))
+                .for_each(|(o, (x, d))| *o = x * *d);
+        }
+        fn precondition(&mut self, r: &[Vector3<f64>], out: &mut NodalVector) {
+            out.iter_mut()
+                .zip(r.iter().zip(&self.1))
+                .for_each(|(o, (r, d))| *o = r / *d);
+        }
+    }
+
+    fn right_hand_side() -> NodalVector {
+        (0..40)
+            .map(|i| {
+                let t = i as f64;
+                Vector3::new((t * 0.7).sin(), 1.0, (t * 1.3).cos())
+            })
+            .collect()
+    }
+
+    fn error(operator: &Diagonal, x: &[Vector3<f64>], b: &[Vector3<f64>]) -> f64 {
+        let pairs = x.iter().zip(b).zip(&operator.0);
+        pairs
+            .map(|((x, b), d)| (x - b / *d).norm())
+            .fold(0.0, f64::max)
+    }
+
+    #[test]
+    fn conjugate_gradients_solve_a_definite_system() {
+        let d: Vec<f64> = (0..40).map(|i| 1.0 + i as f64).collect();
+        let mut operator = Diagonal(d, vec![3.0; 40]);
+        let b = right_hand_side();
+        let result = conjugate_gradients(&mut operator, &b, 1e-13, 200);
+        assert_eq!(result.status, LinearStatus::Converged);
+        assert!(error(&operator, &result.x, &b) < 1e-12);
+    }
+
+    #[test]
+    fn indefinite_systems_are_noticed_and_solved_by_minres() {
+        let d: Vec<f64> = (0..40).map(|i| i as f64 - 7.5).collect();
+        let m: Vec<f64> = (0..40).map(|i| 2.0 + (i % 5) as f64).collect();
+        let mut operator = Diagonal(d, m);
+        let b = right_hand_side();
+        let noticed = conjugate_gradients(&mut operator, &b, 1e-13, 200);
+        assert_eq!(noticed.status, LinearStatus::NegativeCurvature);
+        let result = minres(&mut operator, &b, 1e-13, 400);
+        assert_eq!(result.status, LinearStatus::Converged);
+        assert!(
+            result.relative_residual < 1e-11,
+            "{}",
+            result.relative_residual
+        );
+        assert!(error(&operator, &result.x, &b) < 1e-10);
+    }
+}

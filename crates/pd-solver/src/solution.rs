@@ -1,0 +1,211 @@
+//! What a solve and its adjoint return.
+
+use crate::spec::Parameters;
+use crate::vector::NodalVector;
+use serde::Serialize;
+
+/// How a forward solve ended.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Status {
+    /// The stopping rule is met.
+    Converged,
+    /// The limit of iterations came first. The positions are the best found; the energy is the lowest.
+    IterationLimit,
+    /// No step lowers the energy any more, and the stopping rule asks for more than floating point can tell.
+    Stalled,
+    /// The energy or its gradient is not finite at the start.
+    NotFinite,
+}
+
+/// The method that an equilibrium is searched with.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, serde::Deserialize, Default)]
+#[serde(rename_all = "kebab-case")]
+pub enum Method {
+    /// Local/global iteration: monotone without a line search, slow at the end. The reference.
+    LocalGlobal,
+    /// L-BFGS whose initial Hessian is the constant matrix; Newton takes over where it stalls.
+    #[default]
+    Lbfgs,
+    /// Newton with conjugate gradients on the true Hessian and a line search.
+    Newton,
+}
+
+/// When a solve may stop.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Stop {
+    /// When the estimated distance of any node from its final place is at most this length, in scene units.
+    Accuracy(f64),
+    /// When `|g| <= T |g at rest|` over the free nodes, with the prescribed nodes in place.
+    RelativeGradient(f64),
+}
+
+/// How to solve.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct SolveOptions {
+    /// Stopping rule.
+    pub stop: Stop,
+    /// Method.
+    pub method: Method,
+    /// Limit of iterations over all methods that are tried.
+    pub max_iterations: usize,
+}
+
+impl SolveOptions {
+    /// The default method with a stopping rule.
+    pub fn new(stop: Stop) -> Self {
+        Self {
+            stop,
+            method: Method::default(),
+            max_iterations: 2000,
+        }
+    }
+
+    /// The same with another method.
+    #[must_use]
+    pub fn with_method(self, method: Method) -> Self {
+        Self { method, ..self }
+    }
+}
+
+/// Counts of the work done, which do not depend on the machine.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize)]
+pub struct Work {
+    /// Factorisations of the constant matrix since the solver was built: one.
+    pub factorisations: u64,
+    /// Stored entries of the constant matrix (lower triangle).
+    pub matrix_nonzeros: usize,
+    /// Stored entries of its factor.
+    pub factor_entries: usize,
+    /// Bytes held by the effects.
+    pub effect_bytes: usize,
+    /// Evaluations of energy and gradient.
+    pub evaluations: u64,
+    /// Polar decompositions in those evaluations.
+    pub local_projections: u64,
+    /// Solves with the factored constant matrix, each for three right-hand sides.
+    pub constant_solves: u64,
+    /// Linearisations, each with one rotation gradient per sample.
+    pub linearisations: u64,
+    /// Products with the Hessian.
+    pub hessian_products: u64,
+    /// Smallest s_i + s_j over all samples at the last linearisation; zero means a rotation that is not unique.
+    pub smallest_pair_sum: Option<f64>,
+}
+
+/// What a forward solve did.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct SolveStats {
+    /// Accepted steps.
+    pub iterations: usize,
+    /// Energy at the result.
+    pub energy: f64,
+    /// Norm of the gradient over the free nodes at the result.
+    pub gradient_norm: f64,
+    /// The same at rest, where the stopping rule needed it.
+    pub gradient_norm_rest: Option<f64>,
+    /// Estimated largest distance of a node from its final place, in scene units; absent where no step was needed.
+    pub estimated_error: Option<f64>,
+    /// The method that finished.
+    pub method: Method,
+    /// Whether another method had to take over.
+    pub fell_back: bool,
+    /// Work since the solver was built.
+    pub work: Work,
+    /// Wall-clock seconds.
+    pub seconds: f64,
+}
+
+impl SolveStats {
+    /// `|g| / |g at rest|`; absent where the gradient at rest was not needed.
+    pub fn relative_gradient(&self) -> Option<f64> {
+        let rest = self.gradient_norm_rest?;
+        Some(if rest > 0.0 {
+            self.gradient_norm / rest
+        } else {
+            self.gradient_norm
+        })
+    }
+}
+
+/// An equilibrium, or as near as the solve came.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Solution {
+    /// Positions of all nodes.
+    pub positions: NodalVector,
+    /// How the solve ended.
+    pub status: Status,
+    /// What it did.
+    pub stats: SolveStats,
+}
+
+/// How an adjoint solve ended.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum AdjointStatus {
+    /// Conjugate gradients on the true Hessian met the tolerance: the state is a minimum along all directions seen.
+    Converged,
+    /// Negative curvature was met, so the state is a saddle or the Hessian nearly singular; MINRES met the tolerance.
+    /// The gradient is that of the stationary point and may be ill-conditioned.
+    ConvergedIndefinite,
+    /// The tolerance was not met; the gradient is approximate.
+    IterationLimit,
+    /// The state given is not an equilibrium to the tolerance that was asked for; no gradient.
+    ForwardNotConverged,
+    /// The cotangent has an entry that is not finite, or the linear solve broke down; no gradient.
+    NotFinite,
+}
+
+impl AdjointStatus {
+    /// Whether the gradient can be relied on.
+    pub fn is_converged(self) -> bool {
+        matches!(self, Self::Converged | Self::ConvergedIndefinite)
+    }
+}
+
+/// How to solve the adjoint.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct AdjointOptions {
+    /// Relative residual of the linear solve.
+    pub tolerance: f64,
+    /// Limit of iterations of each method.
+    pub max_iterations: usize,
+    /// Go on although the forward solve did not converge; its status is then the caller's to judge.
+    pub allow_unconverged: bool,
+}
+
+impl Default for AdjointOptions {
+    fn default() -> Self {
+        Self {
+            tolerance: 1e-10,
+            max_iterations: 2000,
+            allow_unconverged: false,
+        }
+    }
+}
+
+/// What an adjoint solve did.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct AdjointStats {
+    /// Iterations of conjugate gradients and, where needed, of MINRES.
+    pub iterations: usize,
+    /// Whether a direction of negative curvature was met.
+    pub negative_curvature: bool,
+    /// `|H z - b| / |b|` at the end.
+    pub relative_residual: f64,
+    /// Smallest s_i + s_j over all samples at the state.
+    pub smallest_pair_sum: Option<f64>,
+    /// Wall-clock seconds.
+    pub seconds: f64,
+}
+
+/// The gradient of a loss by all parameters of a solve.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Adjoint {
+    /// dL/d parameters, in the shape of [`Parameters`]; absent where the status says why.
+    pub gradient: Option<Parameters>,
+    /// How the solve ended.
+    pub status: AdjointStatus,
+    /// What it did.
+    pub stats: AdjointStats,
+}

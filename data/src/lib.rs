@@ -1,0 +1,1 @@
+//! The surfaces and poses that the built-in scenes are made of.
