@@ -1,6 +1,6 @@
 //! L-BFGS whose initial Hessian is the constant matrix (Liu, Bouaziz, Kavan 2017).
 
-use super::newton::newton_direction;
+use super::newton::{REMAINS, newton_direction};
 use super::{ENERGY_ROUNDOFF, Outcome, Target};
 use crate::krylov::LinearStatus;
 use crate::problem::Problem;
@@ -137,7 +137,7 @@ pub(crate) fn lbfgs(
         gradient_norm = norm(&gradient);
         iterations += 1;
         if verified {
-            estimate = estimate.map(|length| length * VERIFIED);
+            estimate = estimate.map(|length| length * REMAINS);
             break Status::Converged;
         }
     };
