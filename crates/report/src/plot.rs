@@ -1,0 +1,159 @@
+//! Line plots, as SVG text and as PNG.
+
+use crate::error::ReportError;
+use crate::files::write_whole;
+use kuva::PngBackend;
+use kuva::backend::svg::SvgBackend;
+use kuva::plot::{LegendPosition, LinePlot as KuvaLine, ScatterPlot};
+use kuva::render::layout::{Layout, TickFormat};
+use kuva::render::plots::Plot;
+use kuva::render::render::{Scene, render_multiple};
+use std::path::Path;
+
+/// Okabe and Ito's colours, told apart with every common kind of colour vision, those that are faint on white last.
+const COLOURS: [&str; 8] = [
+    "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#000000", "#E69F00", "#56B4E9", "#A89C00",
+];
+
+/// A named line.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Series {
+    /// Its name in the legend.
+    pub name: String,
+    /// Its points (x, y) in drawing order.
+    pub points: Vec<(f64, f64)>,
+}
+
+impl Series {
+    /// A line through `points`.
+    pub fn new(name: impl Into<String>, points: Vec<(f64, f64)>) -> Self {
+        Self {
+            name: name.into(),
+            points,
+        }
+    }
+}
+
+/// A plot of lines with a legend, in colours that do not need full colour vision.
+#[derive(Clone, Debug, PartialEq)]
+pub struct LinePlot {
+    /// Text above the plot.
+    pub title: String,
+    /// Text below the x axis, with its unit.
+    pub x_label: String,
+    /// Text beside the y axis, with its unit.
+    pub y_label: String,
+    /// The lines.
+    pub series: Vec<Series>,
+    /// Logarithmic x axis.
+    pub log_x: bool,
+    /// Logarithmic y axis.
+    pub log_y: bool,
+    /// Dots at the points, for measurements rather than curves.
+    pub markers: bool,
+}
+
+impl LinePlot {
+    /// The plot as SVG text.
+    ///
+    /// # Errors
+    /// When there are no points, one is not finite, or one is not positive on a logarithmic axis.
+    pub fn svg(&self) -> Result<String, ReportError> {
+        Ok(SvgBackend::default().render_scene(&self.scene()?))
+    }
+
+    /// The plot as the bytes of a PNG file, 1600 pixels wide or more.
+    ///
+    /// # Errors
+    /// As [`LinePlot::svg`]; and when the plot library cannot draw it.
+    pub fn png(&self) -> Result<Vec<u8>, ReportError> {
+        PngBackend::new()
+            .with_scale(2.0)
+            .render_scene(&self.scene()?)
+            .map_err(|reason| ReportError::PlotDrawing {
+                title: self.title.clone(),
+                reason,
+            })
+    }
+
+    /// Writes the SVG text, which appears whole or not at all.
+    ///
+    /// # Errors
+    /// As [`LinePlot::svg`]; and when the file cannot be written.
+    pub fn write_svg(&self, path: impl AsRef<Path>) -> Result<(), ReportError> {
+        write_whole(path.as_ref(), self.svg()?.as_bytes())
+    }
+
+    /// Writes the PNG file, which appears whole or not at all.
+    ///
+    /// # Errors
+    /// As [`LinePlot::png`]; and when the file cannot be written.
+    pub fn write_png(&self, path: impl AsRef<Path>) -> Result<(), ReportError> {
+        write_whole(path.as_ref(), &self.png()?)
+    }
+
+    fn check(&self) -> Result<(), ReportError> {
+        let shown =
+            |value: f64, logarithmic: bool| value.is_finite() && (!logarithmic || value > 0.0);
+        for series in &self.series {
+            for (point, &(x, y)) in series.points.iter().enumerate() {
+                if !(shown(x, self.log_x) && shown(y, self.log_y)) {
+                    return Err(ReportError::PlotPoint {
+                        series: series.name.clone(),
+                        point,
+                        x,
+                        y,
+                    });
+                }
+            }
+        }
+        if self.series.iter().all(|series| series.points.is_empty()) {
+            return Err(ReportError::EmptyPlot {
+                title: self.title.clone(),
+            });
+        }
+        Ok(())
+    }
+
+    fn scene(&self) -> Result<Scene, ReportError> {
+        self.check()?;
+        let mut plots: Vec<Plot> = Vec::new();
+        for (series, colour) in self.series.iter().zip(COLOURS.iter().cycle()) {
+            let points = || series.points.iter().copied();
+            let line = KuvaLine::new()
+                .with_data(points())
+                .with_color(*colour)
+                .with_stroke_width(2.0)
+                .with_legend(literal(&series.name));
+            plots.push(line.into());
+            // A single point has no line to be seen by.
+            if self.markers || series.points.len() == 1 {
+                let dots = ScatterPlot::new()
+                    .with_data(points())
+                    .with_color(*colour)
+                    .with_size(4.0);
+                plots.push(dots.into());
+            }
+        }
+        let mut layout = Layout::auto_from_plots(&plots)
+            .with_width(800.0)
+            .with_height(500.0)
+            .with_title(literal(&self.title))
+            .with_x_label(literal(&self.x_label))
+            .with_y_label(literal(&self.y_label))
+            .with_legend_position(LegendPosition::OutsideRightTop)
+            .with_tick_format(TickFormat::Auto);
+        if self.log_x {
+            layout = layout.with_log_x();
+        }
+        if self.log_y {
+            layout = layout.with_log_y();
+        }
+        Ok(render_multiple(plots, layout))
+    }
+}
+
+/// The plot library takes dollar signs for mathematics.
+fn literal(text: &str) -> String {
+    text.replace('$', "\\$")
+}
