@@ -3,8 +3,10 @@
 mod accessor;
 mod buffers;
 mod placement;
+mod problem;
 mod read;
 mod write;
 
+pub use problem::GltfProblem;
 pub use read::read_gltf;
 pub use write::write_glb;

@@ -12,11 +12,11 @@ mod report;
 mod surface;
 mod whole_file;
 
-pub use error::{GltfProblem, ObjProblem, SurfaceError};
-pub use gltf_io::{read_gltf, write_glb};
+pub use error::SurfaceError;
+pub use gltf_io::{GltfProblem, read_gltf, write_glb};
 pub use morph::{MorphTarget, MorphedSurface};
 pub use normals::{vertex_normals, vertex_normals_vjp};
-pub use obj::{read_obj, write_obj};
+pub use obj::{ObjProblem, read_obj, write_obj};
 pub use ply::{PlyAttributes, write_ply};
 pub use read::read_surface;
 pub use report::{Component, Edge, SurfaceReport, report};
