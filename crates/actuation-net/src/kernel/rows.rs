@@ -96,3 +96,109 @@ fn scale_and_sum_rows_body<const FMA: bool>(bar: &mut [f32], factor: &[f32], sum
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Whole numbers and a width that no vector length divides.
+    const WIDTH: usize = 21;
+
+    fn entries(count: usize, seed: usize) -> Vec<f32> {
+        (0..count)
+            .map(|i| ((i * 7 + seed) % 11) as f32 - 5.0)
+            .collect()
+    }
+
+    /// Largest absolute errors of sine and cosine over `arguments`.
+    fn sine_errors(level: Level, arguments: impl Iterator<Item = f32>) -> [f64; 2] {
+        let x: Vec<f32> = arguments.collect();
+        let (mut sine, mut cosine) = (x.clone(), x.clone());
+        sine_cosine_rows(level, &mut sine, &mut cosine, &[0.0; 1]);
+        let mut alone = x.clone();
+        sine_rows(level, &mut alone, &[0.0; 1]);
+        assert_eq!(sine, alone, "both passes give the same sine");
+        let error = |found: &[f32], exact: fn(f64) -> f64| {
+            let pairs = found.iter().zip(&x);
+            pairs.fold(0.0, |worst: f64, (f, x)| {
+                worst.max((f64::from(*f) - exact(f64::from(*x))).abs())
+            })
+        };
+        [error(&sine, f64::sin), error(&cosine, f64::cos)]
+    }
+
+    #[test]
+    fn sine_and_cosine_are_accurate_up_to_300() {
+        for level in Level::available() {
+            let grid = (-2_000_000..=2_000_000).map(|i| i as f32 * 1.5e-4);
+            let [sine, cosine] = sine_errors(level, grid);
+            println!("{level:?}: sine {sine:.2e}, cosine {cosine:.2e}");
+            assert!(sine < 1.3e-7, "{level:?}: {sine:e}");
+            assert!(cosine < 2.1e-7, "{level:?}: {cosine:e}");
+        }
+    }
+
+    #[test]
+    fn small_arguments_keep_their_relative_accuracy() {
+        for level in Level::available() {
+            for exponent in -120..-12 {
+                let x = 1.3 * 2.0f32.powi(exponent);
+                let mut z = [x];
+                sine_rows(level, &mut z, &[0.0]);
+                assert!((z[0] / x - 1.0).abs() < 2e-7, "{x:e} -> {:e}", z[0]);
+            }
+        }
+    }
+
+    #[test]
+    fn huge_arguments_stay_bounded_and_nan_stays_nan() {
+        for level in Level::available() {
+            for x in [1e5, 1e9, -3e20, f32::MAX] {
+                let (mut s, mut c) = ([x], [0.0]);
+                sine_cosine_rows(level, &mut s, &mut c, &[0.0]);
+                assert!(s[0].abs() < 1.01 && c[0].abs() < 1.01, "{x:e}: {s:?} {c:?}");
+            }
+            for x in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY] {
+                let (mut s, mut c) = ([x], [0.0]);
+                sine_cosine_rows(level, &mut s, &mut c, &[0.0]);
+                assert!(s[0].is_nan() && c[0].is_nan(), "{x}: {s:?} {c:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn the_first_layer_is_a_matrix_product() {
+        let (points, columns) = (entries(3 * 5, 1), entries(3 * WIDTH, 2));
+        for level in Level::available() {
+            let mut z = vec![f32::NAN; 5 * WIDTH];
+            first_layer(level, &points, &columns, &mut z);
+            for (index, found) in z.iter().enumerate() {
+                let (p, j) = (index / WIDTH, index % WIDTH);
+                let exact: f32 = (0..3)
+                    .map(|axis| points[3 * p + axis] * columns[axis * WIDTH + j])
+                    .sum();
+                assert_eq!(*found, exact);
+            }
+        }
+    }
+
+    #[test]
+    fn scaling_and_summing_equals_the_double_loop() {
+        let factor = entries(4 * WIDTH, 2);
+        for level in Level::available() {
+            let mut bar = entries(4 * WIDTH, 1);
+            let mut sum = entries(WIDTH, 3);
+            scale_and_sum_rows(level, &mut bar, &factor, &mut sum);
+            let (before, start) = (entries(4 * WIDTH, 1), entries(WIDTH, 3));
+            for j in 0..WIDTH {
+                let mut expected = start[j];
+                for p in 0..4 {
+                    let product = before[p * WIDTH + j] * factor[p * WIDTH + j];
+                    assert_eq!(bar[p * WIDTH + j], product);
+                    expected += product;
+                }
+                assert_eq!(sum[j], expected);
+            }
+        }
+    }
+}

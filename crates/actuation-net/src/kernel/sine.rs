@@ -32,21 +32,21 @@ fn reduce<const FMA: bool>(x: f32) -> (f32, u32) {
 /// A little above pi/2, for the rounding of `k`.
 const LIMIT: f32 = FRAC_PI_2 + 1e-3;
 
-/// `sin r` for `|r| <= pi/2`, `r2 = r^2`.
+/// `sin r` for `|r| <= pi/2`, `r2 = r^2`; the polynomial (Remez exchange) is off by 5e-9, the rest is rounding.
 #[inline(always)]
 fn sine_polynomial<const FMA: bool>(r: f32, r2: f32) -> f32 {
-    let p = fma::<FMA>(r2, 2.605_166_2e-6, -1.980_904_6e-4);
-    let p = fma::<FMA>(r2, p, 8.333_051e-3);
-    let p = fma::<FMA>(r2, p, -1.666_665_8e-1);
+    let p = fma::<FMA>(r2, 2.599_994_2e-6, -1.980_658_8e-4);
+    let p = fma::<FMA>(r2, p, 8.333_017e-3);
+    let p = fma::<FMA>(r2, p, -1.666_665_7e-1);
     fma::<FMA>(r * r2, p, r)
 }
 
-/// `cos r` for `|r| <= pi/2`, `r2 = r^2`.
+/// `cos r` for `|r| <= pi/2`, `r2 = r^2`; the polynomial (Remez exchange) is off by 4e-10, the rest is rounding.
 #[inline(always)]
 fn cosine_polynomial<const FMA: bool>(r2: f32) -> f32 {
-    let p = fma::<FMA>(r2, -2.605_107_7e-7, 2.476_013_5e-5);
-    let p = fma::<FMA>(r2, p, -1.388_836e-3);
-    let p = fma::<FMA>(r2, p, 4.166_663_4e-2);
+    let p = fma::<FMA>(r2, -2.619_328_3e-7, 2.476_927_9e-5);
+    let p = fma::<FMA>(r2, p, -1.388_856_9e-3);
+    let p = fma::<FMA>(r2, p, 4.166_665_6e-2);
     let p = fma::<FMA>(r2, p, -0.5);
     fma::<FMA>(r2, p, 1.0)
 }
