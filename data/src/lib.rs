@@ -1,1 +1,15 @@
-//! The surfaces and poses that the built-in scenes are made of.
+#![doc = include_str!("../README.md")]
+
+mod body;
+mod error;
+mod improve;
+mod nets;
+mod pose;
+mod shape;
+mod starfish;
+
+pub use body::StarfishBody;
+pub use error::ShapeError;
+pub use pose::{ArmPose, StarfishPose, held_radius, pose};
+pub use shape::StarfishShape;
+pub use starfish::starfish;
