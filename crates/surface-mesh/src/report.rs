@@ -4,6 +4,8 @@ mod display;
 mod edges;
 mod pieces;
 
+use std::cmp::Ordering;
+
 use nalgebra::Vector3;
 
 use crate::surface::doubled_area;
@@ -165,20 +167,17 @@ fn has_no_area(surface: &Surface, triangles: &[[u32; 3]]) -> bool {
 }
 
 fn duplicate_vertices(vertices: &[Vector3<f64>]) -> Vec<u32> {
-    let mut order: Vec<u32> = (0..vertices.len() as u32).collect();
     // Adding zero makes -0 and 0 the same.
-    let key = |vertex: u32| vertices[vertex as usize].map(|x| x + 0.0);
-    order.sort_unstable_by(|&i, &j| {
-        let (a, b) = (key(i), key(j));
-        a.x.total_cmp(&b.x)
-            .then(a.y.total_cmp(&b.y))
-            .then(a.z.total_cmp(&b.z))
-            .then(i.cmp(&j))
+    let mut order: Vec<([f64; 3], u32)> = (vertices.iter().zip(0..))
+        .map(|(vertex, index)| ([vertex.x + 0.0, vertex.y + 0.0, vertex.z + 0.0], index))
+        .collect();
+    order.sort_unstable_by(|(a, i), (b, j)| {
+        a.partial_cmp(b).unwrap_or(Ordering::Equal).then(i.cmp(j))
     });
     let mut duplicates: Vec<u32> = order
         .windows(2)
-        .filter(|pair| key(pair[0]) == key(pair[1]))
-        .map(|pair| pair[1])
+        .filter(|pair| pair[0].0 == pair[1].0)
+        .map(|pair| pair[1].1)
         .collect();
     duplicates.sort_unstable();
     duplicates

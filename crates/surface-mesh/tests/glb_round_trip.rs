@@ -1,6 +1,7 @@
 //! GLB out and in again, and what damage does to such a file.
 
 use std::fs;
+use std::sync::LazyLock;
 
 use nalgebra::Vector3;
 use proptest::prelude::*;
@@ -121,6 +122,8 @@ fn what_does_not_fit_is_refused_and_nothing_is_left_behind() {
 }
 
 /// A small file with two targets, to damage.
+static SMALL: LazyLock<Vec<u8>> = LazyLock::new(small);
+
 fn small() -> Vec<u8> {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("small.glb");
@@ -138,7 +141,7 @@ fn small() -> Vec<u8> {
 fn truncation_at_every_byte_is_an_error() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("cut.glb");
-    let whole = small();
+    let whole = &*SMALL;
     for length in 0..whole.len() {
         fs::write(&path, &whole[..length]).unwrap();
         assert!(
@@ -165,7 +168,7 @@ proptest! {
 
     #[test]
     fn damaged_bytes_never_panic(places in prop::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 1..4)) {
-        let mut bytes = small();
+        let mut bytes = SMALL.clone();
         for (place, value) in places {
             let place = place.index(bytes.len());
             bytes[place] = value;

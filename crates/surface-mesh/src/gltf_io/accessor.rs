@@ -55,8 +55,12 @@ impl Source<'_> {
         Ok(self.get("accessor", accessor)?.count.0)
     }
 
-    /// The elements of a VEC3 accessor of floats, all finite.
-    pub fn vectors(&self, index: Index<Accessor>) -> Result<Vec<Vector3<f64>>, GltfProblem> {
+    /// Appends the elements of a VEC3 accessor of floats, all finite.
+    pub fn append_vectors(
+        &self,
+        index: Index<Accessor>,
+        vectors: &mut Vec<Vector3<f64>>,
+    ) -> Result<(), GltfProblem> {
         let accessor = self.get("accessor", index)?;
         let is_vector = matches!(accessor.type_, Checked::Valid(Type::Vec3));
         if !is_vector || component(accessor) != Some(ComponentType::F32) {
@@ -65,14 +69,16 @@ impl Source<'_> {
                 expected: "VEC3 of FLOAT",
             });
         }
-        let values = self.elements(index, 12, vector)?;
-        match values.iter().position(|v| !v.iter().all(|x| x.is_finite())) {
+        let start = vectors.len();
+        self.append(index, 12, vector, vectors)?;
+        let added = &vectors[start..];
+        match added.iter().position(|v| !v.iter().all(|x| x.is_finite())) {
             Some(element) => Err(GltfProblem::NonFinite {
                 accessor: index.value(),
                 element,
-                value: values[element],
+                value: added[element],
             }),
-            None => Ok(values),
+            None => Ok(()),
         }
     }
 
@@ -80,8 +86,12 @@ impl Source<'_> {
     pub fn indices(&self, index: Index<Accessor>) -> Result<Vec<u32>, GltfProblem> {
         let accessor = self.get("accessor", index)?;
         let is_scalar = matches!(accessor.type_, Checked::Valid(Type::Scalar));
-        match component(accessor).and_then(integer_reader) {
-            Some((size, read)) if is_scalar => self.elements(index, size, read),
+        match component(accessor).and_then(integer) {
+            Some(integer) if is_scalar => {
+                let mut indices = Vec::new();
+                self.append(index, integer.size, integer.read, &mut indices)?;
+                Ok(indices)
+            }
             _ => Err(GltfProblem::AccessorType {
                 accessor: index.value(),
                 expected: "SCALAR of UNSIGNED_BYTE, UNSIGNED_SHORT or UNSIGNED_INT",
@@ -89,15 +99,17 @@ impl Source<'_> {
         }
     }
 
-    fn elements<T: Default + Clone>(
+    fn append<T: Default + Clone>(
         &self,
         index: Index<Accessor>,
         size: usize,
         read: fn(&[u8]) -> T,
-    ) -> Result<Vec<T>, GltfProblem> {
+        values: &mut Vec<T>,
+    ) -> Result<(), GltfProblem> {
         let accessor = self.get("accessor", index)?;
         let count = accessor.count.0;
-        let mut values = match accessor.buffer_view {
+        let start = values.len();
+        match accessor.buffer_view {
             Some(view) => {
                 let offset = accessor.byte_offset.unwrap_or_default().0;
                 let place = Place {
@@ -105,20 +117,20 @@ impl Source<'_> {
                     view,
                     offset,
                 };
-                self.strided(place, count, size)?.iter().map(read).collect()
+                values.extend(self.strided(place, count, size)?.iter().map(read));
             }
-            None if count <= self.backing => vec![T::default(); count as usize],
+            None if count <= self.backing => values.resize(start + count as usize, T::default()),
             None => {
                 return Err(GltfProblem::Unbacked {
                     needed: count.saturating_mul(size as u64),
                     file: self.backing,
                 });
             }
-        };
-        if let Some(sparse) = &accessor.sparse {
-            self.replace(index, sparse, size, read, &mut values)?;
         }
-        Ok(values)
+        match &accessor.sparse {
+            Some(sparse) => self.replace(index, sparse, size, read, &mut values[start..]),
+            None => Ok(()),
+        }
     }
 
     /// Puts the sparse part of an accessor over its base values.
@@ -132,10 +144,10 @@ impl Source<'_> {
     ) -> Result<(), GltfProblem> {
         let accessor = index.value();
         let component = match &sparse.indices.component_type {
-            Checked::Valid(component) => integer_reader(component.0),
+            Checked::Valid(component) => integer(component.0),
             Checked::Invalid => None,
         };
-        let (index_size, read_index) = component.ok_or(GltfProblem::AccessorType {
+        let integer = component.ok_or(GltfProblem::AccessorType {
             accessor,
             expected: "sparse with indices of UNSIGNED_BYTE, UNSIGNED_SHORT or UNSIGNED_INT",
         })?;
@@ -146,11 +158,11 @@ impl Source<'_> {
         };
         let (at, of) = (&sparse.indices, &sparse.values);
         let count = sparse.count.0;
-        let indices = self.strided(place(at.buffer_view, at.byte_offset.0), count, index_size)?;
+        let indices = self.strided(place(at.buffer_view, at.byte_offset.0), count, integer.size)?;
         let replacements = self.strided(place(of.buffer_view, of.byte_offset.0), count, size)?;
         let mut previous = None;
         for (entry, (index, value)) in indices.iter().zip(replacements.iter()).enumerate() {
-            let index = read_index(index);
+            let index = (integer.read)(index);
             if previous.is_some_and(|previous| index <= previous) {
                 return Err(GltfProblem::SparseOrder { accessor, entry });
             }
@@ -239,13 +251,19 @@ fn component(accessor: &Accessor) -> Option<ComponentType> {
 }
 
 /// Size in bytes of an unsigned integer type, and how to read it.
-fn integer_reader(component: ComponentType) -> Option<(usize, fn(&[u8]) -> u32)> {
-    match component {
-        ComponentType::U8 => Some((1, |bytes| bytes[0].into())),
-        ComponentType::U16 => Some((2, |bytes| u16::from_le_bytes([bytes[0], bytes[1]]).into())),
-        ComponentType::U32 => Some((4, |bytes| u32::from_le_bytes(four(bytes, 0)))),
-        ComponentType::I8 | ComponentType::I16 | ComponentType::F32 => None,
-    }
+struct Integer {
+    size: usize,
+    read: fn(&[u8]) -> u32,
+}
+
+fn integer(component: ComponentType) -> Option<Integer> {
+    let (size, read): (usize, fn(&[u8]) -> u32) = match component {
+        ComponentType::U8 => (1, |bytes| bytes[0].into()),
+        ComponentType::U16 => (2, |bytes| u16::from_le_bytes([bytes[0], bytes[1]]).into()),
+        ComponentType::U32 => (4, |bytes| u32::from_le_bytes(four(bytes, 0))),
+        ComponentType::I8 | ComponentType::I16 | ComponentType::F32 => return None,
+    };
+    Some(Integer { size, read })
 }
 
 fn vector(bytes: &[u8]) -> Vector3<f64> {

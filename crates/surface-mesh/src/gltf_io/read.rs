@@ -46,7 +46,7 @@ pub fn read_gltf(path: impl AsRef<Path>) -> Result<MorphedSurface, SurfaceError>
 }
 
 fn parse(bytes: &[u8], folder: &Path) -> Result<MorphedSurface, GltfProblem> {
-    let (json, binary_chunk) = split(bytes)?;
+    let Container { json, binary_chunk } = split(bytes)?;
     let root: Root =
         gltf::json::deserialize::from_slice(&json).map_err(|cause| GltfProblem::Json { cause })?;
     check_extensions(&root)?;
@@ -71,14 +71,22 @@ fn parse(bytes: &[u8], folder: &Path) -> Result<MorphedSurface, GltfProblem> {
     joined.finish(mesh)
 }
 
-/// The JSON and the binary chunk of a file.
-fn split(bytes: &[u8]) -> Result<(Cow<'_, [u8]>, Option<Cow<'_, [u8]>>), GltfProblem> {
+/// The two halves of a GLB file; a `.gltf` file is JSON only.
+struct Container<'a> {
+    json: Cow<'a, [u8]>,
+    binary_chunk: Option<Cow<'a, [u8]>>,
+}
+
+fn split(bytes: &[u8]) -> Result<Container<'_>, GltfProblem> {
     const HEADER: usize = 12;
     let magic = b"glTF";
     if !bytes.starts_with(&magic[..bytes.len().min(4)]) {
         let text = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes);
         return match text.trim_ascii_start().first() {
-            Some(b'{') => Ok((text.into(), None)),
+            Some(b'{') => Ok(Container {
+                json: text.into(),
+                binary_chunk: None,
+            }),
             _ => Err(GltfProblem::WrongMagic {
                 start: bytes[..bytes.len().min(4)].to_vec(),
             }),
@@ -97,7 +105,10 @@ fn split(bytes: &[u8]) -> Result<(Cow<'_, [u8]>, Option<Cow<'_, [u8]>>), GltfPro
         .filter(|content| content.len() >= HEADER)
         .ok_or(truncated(length.max(HEADER as u32).into()))?;
     let glb = Glb::from_slice(content).map_err(container_problem)?;
-    Ok((glb.json, glb.bin))
+    Ok(Container {
+        json: glb.json,
+        binary_chunk: glb.bin,
+    })
 }
 
 fn container_problem(error: gltf::Error) -> GltfProblem {
@@ -279,15 +290,14 @@ impl Joined {
         vertices: &Vertices,
     ) -> Result<Range<usize>, GltfProblem> {
         let start = self.vertices.len();
-        self.vertices
-            .append(&mut source.vectors(vertices.positions)?);
+        source.append_vectors(vertices.positions, &mut self.vertices)?;
         let end = self.vertices.len();
         if u32::try_from(end).is_err() {
             return Err(GltfProblem::TooLarge);
         }
         for (deltas, accessor) in self.deltas.iter_mut().zip(&vertices.targets) {
             match accessor {
-                Some(accessor) => deltas.append(&mut source.vectors(*accessor)?),
+                Some(accessor) => source.append_vectors(*accessor, deltas)?,
                 None => deltas.resize(end, Vector3::zeros()),
             }
         }

@@ -1,6 +1,7 @@
 //! OBJ in: positions and faces, in file order.
 
 use std::borrow::Cow;
+use std::io::BufRead;
 use std::path::Path;
 
 use nalgebra::Vector3;
@@ -150,15 +151,10 @@ impl Obj {
                 .err()
                 .unwrap_or(ObjProblem::BadCorner { text: shown(word) })
         };
-        let mut parts = word.split(|&byte| byte == b'/');
-        let index = parts.next().and_then(integer).ok_or_else(bad)?;
-        let mut others = 0;
-        for part in parts {
-            others += 1;
-            if others > 2 || !(part.is_empty() || integer(part).is_some()) {
-                return Err(bad());
-            }
-        }
+        let index = match integer(word) {
+            Some(index) => index,
+            None => first_of_slashed(word).ok_or_else(bad)?,
+        };
         let vertices = self.vertices.len();
         let out_of_range = ObjProblem::IndexOutOfRange { index, vertices };
         match index {
@@ -213,8 +209,27 @@ fn coordinate(word: &[u8]) -> Result<f64, ObjProblem> {
     }
 }
 
+/// The vertex index of `v/vt`, `v//vn` or `v/vt/vn`.
+fn first_of_slashed(word: &[u8]) -> Option<i64> {
+    let mut parts = word.split(|&byte| byte == b'/');
+    let index = integer(parts.next()?)?;
+    let others = |part: &[u8]| part.is_empty() || integer(part).is_some();
+    let valid = parts.clone().count() <= 2 && parts.all(others);
+    valid.then_some(index)
+}
+
 fn integer(word: &[u8]) -> Option<i64> {
-    std::str::from_utf8(word).ok()?.parse().ok()
+    let (negative, digits) = match word {
+        [b'-', digits @ ..] => (true, digits),
+        [b'+', digits @ ..] => (false, digits),
+        digits => (false, digits),
+    };
+    // 18 digits cannot overflow; a longer index names no vertex anyway.
+    if digits.is_empty() || digits.len() > 18 || !digits.iter().all(u8::is_ascii_digit) {
+        return None;
+    }
+    let value = (digits.iter()).fold(0, |value, digit| 10 * value + i64::from(digit - b'0'));
+    Some(if negative { -value } else { value })
 }
 
 /// Refuses control characters, which tell a binary file from a text in any encoding that OBJ files come in.
@@ -293,15 +308,15 @@ impl<'a> Lines<'a> {
         if self.rest.is_empty() {
             return None;
         }
-        let (line, rest) = match self.rest.iter().position(|&byte| byte == b'\n') {
-            Some(end) => (&self.rest[..end], &self.rest[end + 1..]),
-            None => (self.rest, &[][..]),
-        };
+        // Standard library scans for a byte are vectorised, `Iterator::position` is not.
+        let mut rest = self.rest;
+        let length = rest.skip_until(b'\n').expect("a slice is always readable");
+        let line = &self.rest[..length];
         self.rest = rest;
         self.line += 1;
-        match line.iter().position(|&byte| byte == b'#') {
-            Some(comment) => Some(&line[..comment]),
-            None => Some(line.trim_ascii_end()),
+        if line.contains(&b'#') {
+            return line.split(|&byte| byte == b'#').next();
         }
+        Some(line.trim_ascii_end())
     }
 }

@@ -81,10 +81,19 @@ fn sides_by_lower_vertex(surface: &Surface) -> (Vec<Side>, Vec<usize>) {
 /// none: it closes nothing and opens nothing.
 fn for_each_side(surface: &Surface, mut visit: impl FnMut(u32, u32)) {
     for polygon in surface.polygons() {
-        let before = polygon.last().into_iter().chain(polygon);
-        let sides = before.zip(polygon).filter(|(a, b)| a != b);
-        if sides.clone().count() >= 3 {
-            sides.for_each(|(&a, &b)| visit(a, b));
+        match *polygon {
+            [a, b, c] if a != b && b != c && c != a => {
+                visit(a, b);
+                visit(b, c);
+                visit(c, a);
+            }
+            _ => {
+                let before = polygon.last().into_iter().chain(polygon);
+                let sides = before.zip(polygon).filter(|(a, b)| a != b);
+                if sides.clone().count() >= 3 {
+                    sides.for_each(|(&a, &b)| visit(a, b));
+                }
+            }
         }
     }
 }

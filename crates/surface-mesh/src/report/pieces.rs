@@ -25,6 +25,15 @@ impl DisjointSets {
         let (a, b) = (self.root(a), self.root(b));
         self.0[a.max(b) as usize] = a.min(b);
     }
+
+    /// The lowest vertex of every vertex's piece.
+    fn into_roots(mut self) -> Vec<u32> {
+        // A parent is never above its child, so its root is known before the child is met.
+        for vertex in 0..self.0.len() {
+            self.0[vertex] = self.0[self.0[vertex] as usize];
+        }
+        self.0
+    }
 }
 
 /// The connected pieces, by rising lowest vertex.
@@ -35,30 +44,35 @@ pub(super) fn components(surface: &Surface) -> Vec<Component> {
             sets.join(polygon[0], corner);
         }
     }
-    let mut pieces: Vec<Option<Component>> = vec![None; surface.vertex_count()];
-    for polygon in surface.polygons() {
-        let root = sets.root(polygon[0]);
-        let piece = pieces[root as usize].get_or_insert(Component {
-            first_vertex: root,
-            vertices: 0,
-            polygons: 0,
-            signed_volume: 0.0,
-        });
-        piece.polygons += 1;
-    }
-    for vertex in 0..surface.vertex_count() as u32 {
-        if let Some(piece) = &mut pieces[sets.root(vertex) as usize] {
-            piece.vertices += 1;
+    let roots = sets.into_roots();
+    let mut pieces: Vec<Component> = Vec::new();
+    // The place of each piece in `pieces`, under its lowest vertex.
+    let mut places = vec![0; surface.vertex_count()];
+    for (vertex, &root) in roots.iter().enumerate() {
+        if vertex == root as usize {
+            places[vertex] = pieces.len();
+            pieces.push(Component {
+                first_vertex: root,
+                vertices: 0,
+                polygons: 0,
+                signed_volume: 0.0,
+            });
         }
+        pieces[places[root as usize]].vertices += 1;
+    }
+    let place = |vertex: u32| places[roots[vertex as usize] as usize];
+    for polygon in surface.polygons() {
+        pieces[place(polygon[0])].polygons += 1;
     }
     let (low, high) = surface.bounding_box();
     let origin = (low + high) / 2.0;
     for &triangle in surface.triangles() {
-        if let Some(piece) = &mut pieces[sets.root(triangle[0]) as usize] {
-            piece.signed_volume += cone_volume(&surface.triangle_points(triangle), &origin);
-        }
+        pieces[place(triangle[0])].signed_volume +=
+            cone_volume(&surface.triangle_points(triangle), &origin);
     }
-    pieces.into_iter().flatten().collect()
+    // What is left without polygons are unused vertices.
+    pieces.retain(|piece| piece.polygons > 0);
+    pieces
 }
 
 /// The number of connected groups of open edges.
