@@ -1,6 +1,7 @@
-//! Time per 3x3 matrix of every kernel, on ordinary deformations and on inverted ones, with nalgebra's SVD as the baseline.
+//! Time per 3x3 matrix of every kernel, on ordinary deformations and on inverted ones, with
+//! nalgebra's SVD as the baseline.
 
-use criterion::{BenchmarkId, Criterion, criterion_group, criterion_main};
+use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
 use nalgebra::{Matrix3, Vector3};
 use polar_grad::{
     Filter, HessianCore, RotationGradient, actuation_from_b, polar_rotation, signed_svd,
@@ -35,31 +36,37 @@ fn deformations(inverted: bool) -> Vec<Matrix3<f64>> {
         .collect()
 }
 
+/// One benchmark: `kernel` over all matrices of a class.
+fn bench<T>(
+    c: &mut Criterion,
+    name: &str,
+    class: &str,
+    matrices: &[Matrix3<f64>],
+    kernel: impl Fn(&Matrix3<f64>) -> T,
+) {
+    let mut group = c.benchmark_group(name);
+    group.throughput(Throughput::Elements(matrices.len() as u64));
+    group.bench_function(BenchmarkId::from_parameter(class), |b| {
+        b.iter(|| {
+            for m in matrices {
+                black_box(kernel(m));
+            }
+        })
+    });
+    group.finish();
+}
+
 fn kernels(c: &mut Criterion) {
     for (class, inverted) in [("ordinary", false), ("inverted", true)] {
-        let matrices = deformations(inverted);
-        let actuation = actuation_from_b(&[0.2, 0.05, 0.0, -0.1, 0.05, -0.15]);
-        let mut bench = |name: &str, kernel: &dyn Fn(&Matrix3<f64>)| {
-            let mut group = c.benchmark_group(name);
-            group.throughput(criterion::Throughput::Elements(COUNT as u64));
-            group.bench_function(BenchmarkId::from_parameter(class), |b| {
-                b.iter(|| matrices.iter().for_each(kernel))
-            });
-            group.finish();
-        };
-        bench("nalgebra_svd", &|m| drop(black_box(m.svd(true, true))));
-        bench("signed_svd", &|m| drop(black_box(signed_svd(m))));
-        bench("polar_rotation", &|m| drop(black_box(polar_rotation(m))));
-        bench("rotation_gradient", &|m| {
-            drop(black_box(RotationGradient::at(m)))
-        });
-        bench("hessian_core", &|m| {
-            drop(black_box(HessianCore::new(m, &actuation)))
-        });
-        bench("hessian_core_projected", &|m| {
-            drop(black_box(
-                HessianCore::new(m, &actuation).filtered(Filter::Projected),
-            ))
+        let m = deformations(inverted);
+        let a = actuation_from_b(&[0.2, 0.05, 0.0, -0.1, 0.05, -0.15]);
+        bench(c, "nalgebra_svd", class, &m, |m| m.svd(true, true));
+        bench(c, "signed_svd", class, &m, signed_svd);
+        bench(c, "polar_rotation", class, &m, polar_rotation);
+        bench(c, "rotation_gradient", class, &m, RotationGradient::at);
+        bench(c, "hessian_core", class, &m, |m| HessianCore::new(m, &a));
+        bench(c, "hessian_core_projected", class, &m, |m| {
+            HessianCore::new(m, &a).filtered(Filter::Projected)
         });
     }
 }

@@ -1,5 +1,6 @@
-//! How a muscle's rotation follows its deformation: the derivative of the polar rotation, checked by central differences
-//! from a comfortable shape down to the edge of inversion, where it grows like `1 / (s_y + s_z)`.
+//! How a muscle's rotation follows its deformation: the derivative of the polar rotation, checked
+//! by central differences from a comfortable shape down to the edge of inversion, where it grows
+//! like `1 / (s_y + s_z)`.
 
 use nalgebra::{Matrix3, Vector3};
 use polar_grad::{RotationGradient, polar_rotation};

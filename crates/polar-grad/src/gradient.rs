@@ -7,39 +7,45 @@ use crate::svd::svd_of_scaled;
 use crate::symmetric::{Minors, sum_of_two_smallest};
 use nalgebra::{Matrix3, SMatrix, Vector3};
 
-/// Sums `s_i + s_j` below this fraction of `s_x` are raised to it where they are divided by: 2^-40. The sums themselves are known to
-/// about 2^-51 of `s_x`.
+/// Sums `s_i + s_j` below this fraction of `s_x` are raised to it where they are divided by: 2^-40.
+/// The sums themselves are known to about 2^-51 of `s_x`.
 pub const PAIR_SUM_FLOOR: f64 = 1.0 / (1_u64 << 40) as f64;
 
-/// Sums `s_i + s_j` below this are raised to it where they are divided by, so that the derivative at the zero matrix
-/// is finite: 2^-511.
+/// Sums `s_i + s_j` below this are raised to it where they are divided by, so that the derivative
+/// at the zero matrix is finite: 2^-511.
 pub const PAIR_SUM_MIN: f64 = f64::from_bits((1023 - 511) << 52);
 
-/// Minors of `tr(S) I - S` above this fraction of `(tr S)^k` make its inverse by cofactors accurate to about 1e-13.
+/// Minors of `tr(S) I - S` above this fraction of `(tr S)^k` make its inverse by cofactors accurate
+/// to about 1e-13.
 const WELL_CONDITIONED: f64 = 1e-3;
 
-/// The polar rotation `R` of `M = R S` and its derivative, `dR = R [B axial(R^T dM)]_x` with `B = (tr(S) I - S)^-1`.
+/// The polar rotation `R` of `M = R S` and its derivative, `dR = R [B axial(R^T dM)]_x` with `B =
+/// (tr(S) I - S)^-1`.
 ///
-/// Differentiating `M = R S` with `dR = R [w]_x` gives `R^T dM - dM^T R = [w]_x S + S [w]_x = [(tr(S) I - S) w]_x`. The eigenvalues
-/// of `tr(S) I - S` are the sums `s_i + s_j` of signed singular values, so the derivative is finite and smooth at rest, at equal singular
-/// values and under inversion, where derivatives of the singular vectors are not; it is singular only where `s_y + s_z = 0` and `R` itself jumps.
+/// Differentiating `M = R S` with `dR = R [w]_x` gives `R^T dM - dM^T R = [w]_x S + S [w]_x =
+/// [(tr(S) I - S) w]_x`. The eigenvalues of `tr(S) I - S` are the sums `s_i + s_j` of signed
+/// singular values, so the derivative is finite and smooth at rest, at equal singular values and
+/// under inversion, where derivatives of the singular vectors are not; it is singular only where
+/// `s_y + s_z = 0` and `R` itself jumps.
 ///
-/// References: T. Kim, D. Eberle, "Dynamic deformables" (SIGGRAPH course, 2020/2022), the rotation gradient.
+/// References: T. Kim, D. Eberle, "Dynamic deformables" (SIGGRAPH course, 2020/2022), the rotation
+/// gradient.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RotationGradient {
     /// The polar rotation `R`, as from [`crate::polar_rotation`].
     pub rotation: Matrix3<f64>,
     /// `B`, symmetric, of unit `1/M`: the inverse of [`Self::pair_sums`].
     pub factor: Matrix3<f64>,
-    /// `tr(S) I - S`, symmetric positive definite: its eigenvalues are `s_i + s_j`, raised to at least [`PAIR_SUM_FLOOR`] times `s_x`
-    /// and at least [`PAIR_SUM_MIN`].
+    /// `tr(S) I - S`, symmetric positive definite: its eigenvalues are `s_i + s_j`, raised to at
+    /// least [`PAIR_SUM_FLOOR`] times `s_x` and at least [`PAIR_SUM_MIN`].
     pub pair_sums: Matrix3<f64>,
     /// `s_y + s_z >= 0`, the distance to where `R` is not unique, as it is (not raised).
     pub smallest_pair_sum: f64,
 }
 
 impl RotationGradient {
-    /// The rotation and its derivative at `m`; finite for every finite `m` (NaN in every entry otherwise).
+    /// The rotation and its derivative at `m`; finite for every finite `m` (NaN in every entry
+    /// otherwise).
     pub fn at(m: &Matrix3<f64>) -> Self {
         match certified_rotation(m).and_then(|rotation| Self::well_conditioned(m, rotation)) {
             Some(gradient) => gradient,
@@ -95,7 +101,8 @@ impl RotationGradient {
 
     /// The tangent `dR = R [B axial(R^T dM)]_x` for the tangent `d_m` of `M`.
     ///
-    /// The map is symmetric in the Frobenius inner product, so this is also its vector-Jacobian product.
+    /// The map is symmetric in the Frobenius inner product, so this is also its vector-Jacobian
+    /// product.
     pub fn apply(&self, d_m: &Matrix3<f64>) -> Matrix3<f64> {
         mul_cross(
             &self.rotation,
@@ -103,7 +110,8 @@ impl RotationGradient {
         )
     }
 
-    /// The 9x9 matrix `H_R = d vec(R) / d vec(M)` in row-wise `vec`, symmetric positive semi-definite of rank three.
+    /// The 9x9 matrix `H_R = d vec(R) / d vec(M)` in row-wise `vec`, symmetric positive
+    /// semi-definite of rank three.
     pub fn to_matrix(&self) -> SMatrix<f64, 9, 9> {
         let z = cross_basis(&self.rotation, &Matrix3::identity());
         z * self.factor * z.transpose()

@@ -1,8 +1,9 @@
 //! The Hessian core of the shape-targeting energy: products, spectrum and filters.
 
 use crate::gradient::{RotationGradient, cross_basis};
-use crate::linear::{conjugate, mul, mul_tr, pair_sums, symmetrize, tr_mul};
-use crate::symmetric::{Minors, eigen, inverse_cholesky_factor};
+use crate::linear::{mul, mul_tr, pair_sums, symmetrize, tr_mul};
+use crate::polar::polar;
+use crate::symmetric::{Minors, SINGULAR, eigen, inverse_cholesky_factor};
 use nalgebra::{Matrix3, SMatrix};
 
 /// What is done to the negative eigenvalues of a [`HessianCore`].
@@ -19,20 +20,24 @@ pub enum Filter {
 /// The eigenvalues of a [`HessianCore`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Spectrum {
-    /// The three eigenvalues that depend on the state, ascending, each at most 1; the six further ones are 1.
+    /// The three eigenvalues that depend on the state, ascending, each at most 1; the six further
+    /// ones are 1.
     pub nontrivial: [f64; 3],
 }
 
-/// `C = I_9 - Ahat H_R Ahat`, the derivative of `F - R A` with respect to `F`, where `R` is the polar rotation of `F A` and `Ahat = I_3 (x) A`
-/// (Eq. 14 of the supplement to Yang et al. 2022).
+/// `C = I_9 - Ahat H_R Ahat`, the derivative of `F - R A` with respect to `F`, where `R` is the
+/// polar rotation of `F A` and `Ahat = I_3 (x) A` (Eq. 14 of the supplement to Yang et al. 2022).
 ///
-/// With `Z^T vec(dF) = axial(R^T dF A)`, `C = I_9 - Z B Z^T` and `Z^T Z = tr(A^2) I - A^2`. So `C <= I` always, six eigenvalues are
-/// 1, and the others are `1 - mu_k` with `(tr(A^2) I - A^2) w_k = mu_k (tr(S) I - S) w_k`. Normalised to `w_j^T (tr(S) I - S) w_k = delta_jk` these give `B = sum_k w_k w_k^T`, and a
-/// function of `C` that keeps the ones only weighs that sum: `B' = sum_k c(mu_k) w_k w_k^T`,
-/// with `c = min(1, 1/mu)` for [`Filter::Projected`] and `c = 2 min(1, 1/mu) - 1` for [`Filter::Absolute`]. Products cost the same for all three.
+/// With `Z^T vec(dF) = axial(R^T dF A)`, `C = I_9 - Z B Z^T` and `Z^T Z = tr(A^2) I - A^2`. So `C
+/// <= I` always, six eigenvalues are 1, and the others are `1 - mu_k` with `(tr(A^2) I - A^2) w_k =
+/// mu_k (tr(S) I - S) w_k`. Normalised to `w_j^T (tr(S) I - S) w_k = delta_jk` these give `B =
+/// sum_k w_k w_k^T`, and a function of `C` that keeps the ones only weighs that sum: `B' = sum_k
+/// c(mu_k) w_k w_k^T`, with `c = min(1, 1/mu)` for [`Filter::Projected`] and `c = 2 min(1, 1/mu) -
+/// 1` for [`Filter::Absolute`]. Products cost the same for all three.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct HessianCore {
-    /// The polar rotation of `F A` and its derivative; after filtering, [`RotationGradient::factor`] holds `B'` in place of `B`.
+    /// The polar rotation of `F A` and its derivative; after filtering,
+    /// [`RotationGradient::factor`] holds `B'` in place of `B`.
     pub gradient: RotationGradient,
     /// The symmetric actuation `A`.
     pub actuation: Matrix3<f64>,
@@ -41,7 +46,8 @@ pub struct HessianCore {
 }
 
 impl HessianCore {
-    /// The exact core at deformation gradient `f` and symmetric actuation `a` (which may be singular or indefinite).
+    /// The exact core at deformation gradient `f` and symmetric actuation `a` (which may be
+    /// singular or indefinite).
     ///
     /// Finite as long as the entries of `A^2` and `F A` are.
     pub fn new(f: &Matrix3<f64>, a: &Matrix3<f64>) -> Self {
@@ -54,7 +60,8 @@ impl HessianCore {
 
     /// The tangent of `F - R A`, `dF - R [B axial(R^T dF A)]_x A`, for the tangent `d_f` of `F`.
     ///
-    /// `C` is symmetric in the Frobenius inner product, so this is also its vector-Jacobian product.
+    /// `C` is symmetric in the Frobenius inner product, so this is also its vector-Jacobian
+    /// product.
     pub fn apply(&self, d_f: &Matrix3<f64>) -> Matrix3<f64> {
         d_f - mul(
             &self.gradient.apply(&mul(d_f, &self.actuation)),
@@ -72,8 +79,11 @@ impl HessianCore {
     pub fn spectrum(&self) -> Spectrum {
         let k = self.reach();
         let t = self.gradient.pair_sums;
-        let (_, y) = joint_axes(&k, &t);
-        // Rayleigh quotients: their error is the square of the axes'.
+        // Scaling K and T alike keeps the axes well determined when one is far larger than the
+        // other.
+        let balance = |x: &Matrix3<f64>| x / x.trace().max(f64::MIN_POSITIVE);
+        let y = joint_axes(&balance(&k), &balance(&t));
+        // The error of a Rayleigh quotient is the square of its axis's.
         let mut nontrivial = [0, 1, 2].map(|i| {
             let y = y.column(i);
             let exact = y.dot(&((t - k) * y)) / y.dot(&(t * y));
@@ -89,9 +99,10 @@ impl HessianCore {
 
     /// The core with its negative eigenvalues changed by `filter`.
     ///
-    /// A core without negative eigenvalues comes back bit for bit, and so does one that was filtered before: the filters
-    /// leave positive semi-definite matrices alone. [`Filter::Projected`] stays finite and positive semi-definite (to rounding) as
-    /// `s_y + s_z` goes to 0.
+    /// A positive definite core keeps its matrix bit for bit, and so does one that was filtered
+    /// before: the filters leave positive semi-definite matrices alone. [`Filter::Projected`] stays
+    /// finite and positive semi-definite to rounding as `s_y + s_z` goes to 0. (Only when `A` has
+    /// rank one, or nearly, may rounding reach 1e-6.)
     pub fn filtered(&self, filter: Filter) -> Self {
         if filter == Filter::Exact || self.filter != Filter::Exact {
             return *self;
@@ -99,7 +110,9 @@ impl HessianCore {
         let mut core = *self;
         core.filter = filter;
         let (k, t) = (self.reach(), self.gradient.pair_sums);
-        if Minors::of(&(t - k)).are_above(0.0, 1.0) {
+        // An actuation of rank one meets a B so large that its rounding alone would show in C.
+        let moderate = t.trace() * core.gradient.factor.trace() < 1.0 / SINGULAR;
+        if moderate && Minors::of(&(t - k)).are_above(0.0, 1.0) {
             return core;
         }
         let projected = projected_factor(&k, &t);
@@ -116,25 +129,37 @@ impl HessianCore {
     }
 }
 
-/// `theta` and axes `Y` (columns) with `Y^T (K + T) Y = I` and `Y^T K Y = diag(theta)`, for positive semi-definite `K` and `T`.
+/// Axes `Y` (columns) with `Y^T (K + T) Y = I` and `Y^T K Y` diagonal, for positive semi-definite
+/// `K` and `T`.
 ///
-/// The sum is well conditioned where `T` alone (`s_y + s_z` near 0) or `K` alone (singular `A`) is not.
-fn joint_axes(k: &Matrix3<f64>, t: &Matrix3<f64>) -> (nalgebra::Vector3<f64>, Matrix3<f64>) {
+/// The sum is well conditioned where `T` alone (`s_y + s_z` near 0) or `K` alone (singular `A`) is
+/// not.
+fn joint_axes(k: &Matrix3<f64>, t: &Matrix3<f64>) -> Matrix3<f64> {
     let inverse = inverse_cholesky_factor(&(k + t));
-    let (theta, q) = eigen(&conjugate_by(&inverse, k));
-    (theta, tr_mul(&inverse, &q))
+    let (_, q) = eigen(&congruent(&inverse, k));
+    tr_mul(&inverse, &q)
 }
 
-/// `L K L^T`, exactly symmetric.
-fn conjugate_by(l: &Matrix3<f64>, k: &Matrix3<f64>) -> Matrix3<f64> {
-    symmetrize(&mul(l, &mul_tr(k, l)))
+/// `L X L^T`, exactly symmetric.
+fn congruent(l: &Matrix3<f64>, x: &Matrix3<f64>) -> Matrix3<f64> {
+    symmetrize(&mul(l, &mul_tr(x, l)))
 }
 
 /// `sum_k min(1, 1/mu_k) w_k w_k^T`.
 ///
-/// In the axes of [`joint_axes`], `mu = theta / (1 - theta)` and `w = y / sqrt(1 - theta)`, so the sum is
-/// that of `y y^T / max(theta, 1 - theta)`: no divisor is below one half.
+/// With `K + T = L L^T` and `X = L^-1 (K - T) L^-T`, whose eigenvalues are `x = (mu - 1) / (mu +
+/// 1)`, this is `L^-T 2 (I + |X|)^-1 L^-1`: nothing is divided by a small number, and no
+/// eigenvector is needed.
 fn projected_factor(k: &Matrix3<f64>, t: &Matrix3<f64>) -> Matrix3<f64> {
-    let (theta, y) = joint_axes(k, t);
-    conjugate(&y, &theta.map(|x| 1.0 / x.max(1.0 - x)))
+    let inverse = inverse_cholesky_factor(&(k + t));
+    let magnitude = absolute_value(&congruent(&inverse, &(k - t)));
+    let weights = Minors::of(&(Matrix3::identity() + magnitude)).inverse() * 2.0;
+    congruent(&inverse.transpose(), &weights)
+}
+
+/// `|X|`, the symmetric matrix with the absolute eigenvalues of `X`: the stretch of `X` or `-X`,
+/// whichever has no negative determinant.
+fn absolute_value(x: &Matrix3<f64>) -> Matrix3<f64> {
+    let sign = 1.0_f64.copysign(x.determinant());
+    polar(&(x * sign)).stretch
 }

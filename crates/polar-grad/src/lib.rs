@@ -1,7 +1,8 @@
-//! 3x3 signed SVD, polar rotation and its exact derivative, and the spectrum of shape-targeting energies.
+//! 3x3 signed SVD, polar rotation and its exact derivative, and the spectrum of shape-targeting
+//! energies.
 //!
-//! Everything is `f64`, allocation-free and without state; no function fails or panics on bad data (see each item for
-//! what it does with non-finite input).
+//! Everything is `f64`, allocation-free and without state; no function fails or panics on bad data
+//! (see each item for what it does with non-finite input).
 //!
 //! | item | computes |
 //! |---|---|
@@ -13,9 +14,9 @@
 //! | [`actuation_vjp`] | the product with the mixed derivative that an implicit adjoint needs |
 //!
 //! # Conventions
-//! `vec` is row-wise: `vec(M)[3 i + j] = M_ij`. `[w]_x` is the cross-product matrix, `[w]_x y = w x y`, and
-//! `axial(X) = (X_32 - X_23, X_13 - X_31, X_21 - X_12)`, so that `X - X^T = [axial(X)]_x`. A symmetric 3x3 matrix is
-//! given by the six entries `(11, 12, 13, 22, 23, 33)`.
+//! `vec` is row-wise: `vec(M)[3 i + j] = M_ij`. `[w]_x` is the cross-product matrix, `[w]_x y = w x
+//! y`, and `axial(X) = (X_32 - X_23, X_13 - X_31, X_21 - X_12)`, so that `X - X^T = [axial(X)]_x`.
+//! A symmetric 3x3 matrix is given by the six entries `(11, 12, 13, 22, 23, 33)`.
 //!
 //! # Example
 //! ```
@@ -31,6 +32,11 @@
 //! assert!((gradient.apply(&(turn * m)) - turn * gradient.rotation).norm() < 1e-15);
 //! ```
 #![forbid(unsafe_code)]
+
+/// The example of the read-me compiles and runs.
+#[cfg(doctest)]
+#[doc = include_str!("../README.md")]
+struct Readme;
 
 mod gradient;
 mod hessian;

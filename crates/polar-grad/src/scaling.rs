@@ -12,8 +12,8 @@ pub(crate) struct Scaling {
 }
 
 impl Scaling {
-    /// Scales the largest entry of `m` to about one (a denormal one to at least `2^-52`): the scaling and the scaled
-    /// matrix, or `None` when an entry is not finite.
+    /// Scales the largest entry of `m` to about one (a denormal one to at least `2^-52`): the
+    /// scaling and the scaled matrix, or `None` when an entry is not finite.
     pub(crate) fn to_unit(m: &Matrix3<f64>) -> Option<(Self, Matrix3<f64>)> {
         if !m.iter().all(|x| x.is_finite()) {
             return None;

@@ -1,32 +1,39 @@
-//! The shape-targeting energy of one sample, its gradients, and the vector-Jacobian product an implicit adjoint needs.
+//! The shape-targeting energy of one sample, its gradients, and the vector-Jacobian product an
+//! implicit adjoint needs.
 
 use crate::hessian::{Filter, HessianCore};
 use crate::linear::{mul, tr_mul};
 use crate::polar::polar_rotation;
 use nalgebra::Matrix3;
 
-/// The energy density `psi(F, A) = 1/2 min_R |F - R A|^2` over rotations `R` (Frobenius norm), attained at the polar rotation of `F A`.
+/// The energy density `psi(F, A) = 1/2 min_R |F - R A|^2` over rotations `R` (Frobenius norm),
+/// attained at the polar rotation of `F A`.
 ///
 /// Yang et al. 2022, Eq. 6 with the factor 1/2 of Eq. 11. `a` must be symmetric.
 pub fn shape_targeting_energy(f: &Matrix3<f64>, a: &Matrix3<f64>) -> f64 {
     0.5 * shape_targeting_gradient(f, a).norm_squared()
 }
 
-/// The gradient `d psi / d F = F - R A`. (The minimum over `R` is stationary, so `dR` does not enter.)
+/// The gradient `d psi / d F = F - R A`. (The minimum over `R` is stationary, so `dR` does not
+/// enter.)
 pub fn shape_targeting_gradient(f: &Matrix3<f64>, a: &Matrix3<f64>) -> Matrix3<f64> {
     f - mul(&polar_rotation(&mul(f, a)), a)
 }
 
-/// The gradient `d psi / d b = -D^T vec(R^T (F - R A))` with respect to the six entries of `A = I + sym(b)`.
+/// The gradient `d psi / d b = -D^T vec(R^T (F - R A))` with respect to the six entries of `A = I +
+/// sym(b)`.
 pub fn shape_targeting_actuation_gradient(f: &Matrix3<f64>, a: &Matrix3<f64>) -> [f64; 6] {
     let rotation = polar_rotation(&mul(f, a));
     symmetric_cotangent(&-tr_mul(&rotation, &(f - mul(&rotation, a))))
 }
 
-/// The product `D^T (Rhat^T + Fhat^T H_R Ahat) vec(y)`, as six entries: MINUS the vector-Jacobian product of `F - R A` with respect to `b`.
+/// The product `D^T (Rhat^T + Fhat^T H_R Ahat) vec(y)`, as six entries: MINUS the vector-Jacobian
+/// product of `F - R A` with respect to `b`.
 ///
-/// `d vec(F - R A) / d b = -(Rhat + Ahat H_R Fhat) D` (Eq. 15) with `Rhat = R (x) I_3`, `Fhat = F (x) I_3`. When `H z = dL/du` is the adjoint equation
-/// and `y` is the gradient operator applied to `z`, the loss gradient `dL/db` is this product times the quadrature weight, without a further sign.
+/// `d vec(F - R A) / d b = -(Rhat + Ahat H_R Fhat) D` (Eq. 15) with `Rhat = R (x) I_3`, `Fhat = F
+/// (x) I_3`. When `H z = dL/du` is the adjoint equation and `y` is the gradient operator applied to
+/// `z`, the loss gradient `dL/db` is this product times the quadrature weight, without a further
+/// sign.
 ///
 /// `core` is `HessianCore::new(f, a)`, `f` the same deformation gradient.
 ///
@@ -61,8 +68,8 @@ pub fn symmetric_entries(m: &Matrix3<f64>) -> [f64; 6] {
     ]
 }
 
-/// `D^T vec(m_bar)`: the cotangent of the six entries of a symmetric matrix, given that of its nine; each off-diagonal entry
-/// collects both of its places.
+/// `D^T vec(m_bar)`: the cotangent of the six entries of a symmetric matrix, given that of its
+/// nine; each off-diagonal entry collects both of its places.
 pub fn symmetric_cotangent(m_bar: &Matrix3<f64>) -> [f64; 6] {
     let m = |i: usize, j: usize| m_bar[(i, j)];
     [

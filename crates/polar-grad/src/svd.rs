@@ -2,11 +2,14 @@
 
 use crate::linear::{conjugate, mul_tr};
 use crate::scaling::Scaling;
+use crate::symmetric::JacobiRotation;
 use nalgebra::{Matrix3, Vector3};
 
-/// Columns count as orthogonal when their cosine is below this; the rounding of the dot product itself is 3 * 2^-53.
+/// Columns count as orthogonal when their cosine is below this; the rounding of the dot product
+/// itself is 3 * 2^-53.
 const ORTHOGONAL: f64 = 1.0 / (1_u64 << 51) as f64;
-/// Quadratic convergence needs three to five sweeps; the bound only ends loops on numbers at the underflow limit.
+/// Quadratic convergence needs three to five sweeps; the bound only ends loops on numbers at the
+/// underflow limit.
 const MAX_SWEEPS: usize = 12;
 
 /// The signed singular value decomposition `M = U diag(sigma) V^T` of a 3x3 matrix.
@@ -41,20 +44,24 @@ impl SignedSvd {
     }
 }
 
-/// The signed SVD of any finite matrix: `U` and `V` are rotations, the last singular value carries the sign of `det M`.
+/// The signed SVD of any finite matrix: `U` and `V` are rotations, the last singular value carries
+/// the sign of `det M`.
 ///
-/// One-sided Jacobi on the columns of `M`, scaled by a power of two: `U`, `V` are orthogonal and `U diag(sigma) V^T = M` to a
-/// few units in the last place of the largest singular value, for every rank, at every tie and from denormal entries to
-/// entries near overflow. (A singular value that exceeds `f64::MAX` is returned as `f64::MAX`.)
+/// One-sided Jacobi on the columns of `M`, scaled by a power of two: `U`, `V` are orthogonal and `U
+/// diag(sigma) V^T = M` to a few units in the last place of the largest singular value, for every
+/// rank, at every tie and from denormal entries to entries near overflow. (A singular value that
+/// exceeds `f64::MAX` is returned as `f64::MAX`.)
 ///
-/// Where the decomposition is not unique the result is still a deterministic function of the entries: columns that are already orthogonal are only
-/// sorted, stably, so that `V` is a signed permutation (`V = I` for a rotation, a multiple of one, and the zero matrix);
-/// for rank one `U V^T` is the smallest rotation that turns `v_1` to `u_1`; for the zero matrix `U = V = I`.
+/// Where the decomposition is not unique the result is still a deterministic function of the
+/// entries: columns that are already orthogonal are only sorted, stably, so that `V` is a signed
+/// permutation (`V = I` for a rotation, a multiple of one, and the zero matrix); for rank one `U
+/// V^T` is the smallest rotation that turns `v_1` to `u_1`; for the zero matrix `U = V = I`.
 ///
 /// A matrix with a non-finite entry gives NaN in every entry of the result.
 ///
-/// Reference: J. Demmel, K. Veselic, "Jacobi's method is more accurate than QR", SIAM J. Matrix Anal. Appl. 13 (1992); the sign convention is that of
-/// G. Irving, J. Teran, R. Fedkiw, "Invertible finite elements for robust simulation of large deformation" (2004).
+/// Reference: J. Demmel, K. Veselic, "Jacobi's method is more accurate than QR", SIAM J. Matrix
+/// Anal. Appl. 13 (1992); the sign convention is that of G. Irving, J. Teran, R. Fedkiw,
+/// "Invertible finite elements for robust simulation of large deformation" (2004).
 pub fn signed_svd(m: &Matrix3<f64>) -> SignedSvd {
     let Some((scaling, scaled)) = Scaling::to_unit(m) else {
         return SignedSvd::not_a_number();
@@ -102,14 +109,13 @@ impl Column {
     }
 }
 
-/// Sorts columns `p < q` by length and makes their images orthogonal; true when a rotation was needed.
+/// Sorts columns `p < q` by length and makes their images orthogonal; true when that changed
+/// anything.
 #[inline(always)]
 fn orthogonalise(columns: &mut [Column; 3], p: usize, q: usize) -> bool {
-    let (mut p_norm2, mut q_norm2) = (
-        columns[p].image.norm_squared(),
-        columns[q].image.norm_squared(),
-    );
-    if q_norm2 > p_norm2 {
+    let norms2 = [p, q].map(|j| columns[j].image.norm_squared());
+    let unsorted = norms2[1] > norms2[0];
+    if unsorted {
         // A quarter turn, so that V stays a rotation.
         let longer = columns[q];
         columns[q] = Column {
@@ -117,16 +123,13 @@ fn orthogonalise(columns: &mut [Column; 3], p: usize, q: usize) -> bool {
             axis: -columns[p].axis,
         };
         columns[p] = longer;
-        std::mem::swap(&mut p_norm2, &mut q_norm2);
     }
+    let (longer2, shorter2) = (norms2[0].max(norms2[1]), norms2[0].min(norms2[1]));
     let dot = columns[p].image.dot(&columns[q].image);
-    if dot * dot <= ORTHOGONAL * ORTHOGONAL * p_norm2 * q_norm2 {
-        return false;
+    if dot * dot <= ORTHOGONAL * ORTHOGONAL * longer2 * shorter2 {
+        return unsorted;
     }
-    let cot_2 = (q_norm2 - p_norm2) / (2.0 * dot);
-    let tan = cot_2.signum() / (cot_2.abs() + (1.0 + cot_2 * cot_2).sqrt());
-    let cos = 1.0 / (1.0 + tan * tan).sqrt();
-    let sin = cos * tan;
+    let JacobiRotation { cos, sin, .. } = JacobiRotation::new(longer2, shorter2, dot);
     let (x, y) = (columns[p], columns[q]);
     columns[p] = Column::combine(cos, &x, -sin, &y);
     columns[q] = Column::combine(sin, &x, cos, &y);
@@ -151,8 +154,8 @@ fn left_factor([x, y, z]: [Column; 3]) -> (Matrix3<f64>, Vector3<f64>) {
     )
 }
 
-/// The unit vector along `y` made orthogonal to `u_x`; `None` when `y` is zero, or so small that its direction was lost
-/// to underflow.
+/// The unit vector along `y` made orthogonal to `u_x`; `None` when `y` is zero, or so small that
+/// its direction was lost to underflow.
 fn second_left_vector(u_x: &Vector3<f64>, y: &Vector3<f64>) -> Option<Vector3<f64>> {
     let largest = y.amax();
     if largest < f64::MIN_POSITIVE {
@@ -164,7 +167,8 @@ fn second_left_vector(u_x: &Vector3<f64>, y: &Vector3<f64>) -> Option<Vector3<f6
     (norm > 0.5).then(|| residual / norm)
 }
 
-/// Where the smallest rotation that takes `v_x` to `u_x` takes `v_y`; a half turn about `v_y` when `u_x = -v_x`.
+/// Where the smallest rotation that takes `v_x` to `u_x` takes `v_y`; a half turn about `v_y` when
+/// `u_x = -v_x`.
 fn carried(u_x: &Vector3<f64>, v_x: &Vector3<f64>, v_y: &Vector3<f64>) -> Vector3<f64> {
     let sum = u_x + v_x;
     let norm2 = sum.norm_squared();

@@ -3,8 +3,8 @@
 use crate::linear::cofactor;
 use nalgebra::{Matrix3, Vector3};
 
-/// Leading principal minors, which are positive exactly when the matrix is positive definite (Sylvester), and the
-/// adjugate, which the inverse is made of.
+/// Leading principal minors, which are positive exactly when the matrix is positive definite
+/// (Sylvester), and the adjugate, which the inverse is made of.
 pub(crate) struct Minors {
     pub(crate) first: f64,
     pub(crate) second: f64,
@@ -27,7 +27,8 @@ impl Minors {
         }
     }
 
-    /// Whether the matrix is positive definite with minors of order k above `margin * scale^k`; false for NaN.
+    /// Whether the matrix is positive definite with minors of order k above `margin * scale^k`;
+    /// false for NaN.
     #[inline(always)]
     pub(crate) fn are_above(&self, margin: f64, scale: f64) -> bool {
         let scale2 = scale * scale;
@@ -42,12 +43,14 @@ impl Minors {
     }
 }
 
-/// The sum of the two smallest eigenvalues of a symmetric matrix, to a few units in the last place of its largest entry.
+/// The sum of the two smallest eigenvalues of a symmetric matrix, to a few units in the last place
+/// of its largest entry.
 ///
-/// With the deviator `D = S - tr(S)/3 I`, the eigenvalues are `tr(S)/3 + 2 p cos(phi + 2 pi k / 3)`, `p^2 = |D|^2 / 6`,
-/// `tan(3 phi) = sqrt(discriminant) / (sqrt(27) det D)`. The usual `acos` loses half the digits at a double eigenvalue, because the
-/// discriminant `4 J_2^3 - 27 J_3^2` cancels. Here it is the Gram determinant of `I`, `D` and `D^2`,
-/// which by Lagrange's identity is a sum of squares, and the angle is well conditioned everywhere.
+/// With the deviator `D = S - tr(S)/3 I`, the eigenvalues are `tr(S)/3 + 2 p cos(phi + 2 pi k /
+/// 3)`, `p^2 = |D|^2 / 6`, `tan(3 phi) = sqrt(discriminant) / (sqrt(27) det D)`. The usual `acos`
+/// loses half the digits at a double eigenvalue, because the discriminant `4 J_2^3 - 27 J_3^2`
+/// cancels. Here it is the Gram determinant of `I`, `D` and `D^2`, which by Lagrange's identity is
+/// a sum of squares, and the angle is well conditioned everywhere.
 pub(crate) fn sum_of_two_smallest(s: &Matrix3<f64>) -> f64 {
     let trace = s.trace();
     let d = s - Matrix3::from_diagonal_element(trace / 3.0);
@@ -79,8 +82,8 @@ fn deviatoric_coordinates(x: &Matrix3<f64>) -> [f64; 5] {
     ]
 }
 
-/// Eigenvalues (unsorted) and eigenvectors (columns) of a symmetric matrix by cyclic Jacobi, to a few units in the last place of the
-/// largest eigenvalue.
+/// Eigenvalues (unsorted) and eigenvectors (columns) of a symmetric matrix by cyclic Jacobi, to a
+/// few units in the last place of the largest eigenvalue.
 pub(crate) fn eigen(s: &Matrix3<f64>) -> (Vector3<f64>, Matrix3<f64>) {
     const MAX_SWEEPS: usize = 12;
     let (mut a, mut q) = (*s, Matrix3::identity());
@@ -101,13 +104,10 @@ pub(crate) fn eigen(s: &Matrix3<f64>) -> (Vector3<f64>, Matrix3<f64>) {
 #[inline(always)]
 fn annihilate(a: &mut Matrix3<f64>, q: &mut Matrix3<f64>, i: usize, j: usize, k: usize) {
     let off = a[(i, j)];
-    if off == 0.0 {
+    if off * off == 0.0 {
         return;
     }
-    let cot_2 = (a[(j, j)] - a[(i, i)]) / (2.0 * off);
-    let tan = cot_2.signum() / (cot_2.abs() + (1.0 + cot_2 * cot_2).sqrt());
-    let cos = 1.0 / (1.0 + tan * tan).sqrt();
-    let sin = cos * tan;
+    let JacobiRotation { cos, sin, tan } = JacobiRotation::new(a[(i, i)], a[(j, j)], off);
     a[(i, i)] -= tan * off;
     a[(j, j)] += tan * off;
     (a[(i, j)], a[(j, i)]) = (0.0, 0.0);
@@ -121,19 +121,50 @@ fn annihilate(a: &mut Matrix3<f64>, q: &mut Matrix3<f64>, i: usize, j: usize, k:
     }
 }
 
-/// The inverse `L^-1` of the Cholesky factor of a positive definite matrix `L L^T`.
+/// A relative eigenvalue below which a matrix counts as singular: about the square root of the
+/// machine precision.
+pub(crate) const SINGULAR: f64 = 1.0 / (1_u64 << 26) as f64;
+
+/// The inverse `L^-1` of the Cholesky factor of a positive definite matrix `G = L L^T`; an almost
+/// singular `G` is first raised by `SINGULAR` times its trace, so that `|L^-1|^2` does not amplify
+/// rounding to more than about its square root.
 pub(crate) fn inverse_cholesky_factor(g: &Matrix3<f64>) -> Matrix3<f64> {
-    // Rounding can make a last pivot of an almost singular matrix negative: it is then as good as zero.
-    let pivot = |x: f64, entry: f64| x.max(f64::EPSILON * entry).max(f64::MIN_POSITIVE).sqrt();
-    let l_00 = pivot(g[(0, 0)], g[(0, 0)]);
+    let trace = g.trace();
+    let regular = (g / trace).determinant() > SINGULAR;
+    let shift = if regular { 0.0 } else { SINGULAR * trace };
+    let l_00 = (g[(0, 0)] + shift).sqrt();
     let l_10 = g[(1, 0)] / l_00;
     let l_20 = g[(2, 0)] / l_00;
-    let l_11 = pivot(g[(1, 1)] - l_10 * l_10, g[(1, 1)]);
+    let l_11 = (g[(1, 1)] + shift - l_10 * l_10).sqrt();
     let l_21 = (g[(2, 1)] - l_20 * l_10) / l_11;
-    let l_22 = pivot(g[(2, 2)] - l_20 * l_20 - l_21 * l_21, g[(2, 2)]);
+    let l_22 = (g[(2, 2)] + shift - l_20 * l_20 - l_21 * l_21).sqrt();
     let (i_00, i_11, i_22) = (1.0 / l_00, 1.0 / l_11, 1.0 / l_22);
     let i_10 = -l_10 * i_00 * i_11;
     let i_21 = -l_21 * i_11 * i_22;
     let i_20 = -(l_20 * i_00 + l_21 * i_10) * i_22;
     Matrix3::new(i_00, 0.0, 0.0, i_10, i_11, 0.0, i_20, i_21, i_22)
+}
+
+/// The plane rotation `[c s; -s c]` that diagonalises a symmetric 2x2 matrix.
+pub(crate) struct JacobiRotation {
+    pub(crate) cos: f64,
+    pub(crate) sin: f64,
+    pub(crate) tan: f64,
+}
+
+impl JacobiRotation {
+    /// The smaller of the two rotations, at most an eighth of a turn; the square of `off` must not
+    /// underflow to zero.
+    #[inline(always)]
+    pub(crate) fn new(first: f64, second: f64, off: f64) -> Self {
+        let (difference, twice) = (second - first, 2.0 * off);
+        let hypotenuse = (difference * difference + twice * twice).sqrt();
+        let tan = twice / (difference + hypotenuse.copysign(difference));
+        let cos = 1.0 / (1.0 + tan * tan).sqrt();
+        Self {
+            cos,
+            sin: cos * tan,
+            tan,
+        }
+    }
 }

@@ -1,4 +1,5 @@
-//! Planted cases for tests: matrices built from known singular values, and the classes that break naive code.
+//! Planted cases for tests: matrices built from known singular values, and the classes that break
+//! naive code.
 //!
 //! Only with the feature `testing`. Everything is deterministic in its seed.
 
@@ -118,7 +119,8 @@ pub fn deformation_with(sigma: [f64; 3], a: &Matrix3<f64>, seed: u64) -> Matrix3
     planted(sigma, seed).matrix * a.try_inverse().expect("the actuation must be regular")
 }
 
-/// Every hard class at every scale, `count` times with different singular vectors: class name and planted matrix.
+/// Every hard class at every scale, `count` times with different singular vectors: class name and
+/// planted matrix.
 pub fn hard_cases(count: u64) -> impl Iterator<Item = (&'static str, Planted)> {
     HARD_CLASSES.iter().flat_map(move |(name, sigma)| {
         SCALES.iter().flat_map(move |scale| {

@@ -19,7 +19,8 @@ fn distance_from_rotation(r: &Matrix3<f64>) -> f64 {
     }
 }
 
-/// The matrix divided by the power of two that makes its largest entry about one (exact), and that entry's size.
+/// The matrix divided by the power of two that makes its largest entry about one (exact), and that
+/// entry's size.
 fn normalised(m: &Matrix3<f64>) -> Matrix3<f64> {
     crate::scaling::Scaling::to_unit(m)
         .expect("the matrix must be finite")
@@ -32,7 +33,7 @@ fn differences<const M: usize, const N: usize>(
     x: &SVector<f64, N>,
     h: f64,
 ) -> SMatrix<f64, M, N> {
-    let mut jacobian = SMatrix::zeros();
+    let mut jacobian = SMatrix::<f64, M, N>::zeros();
     for i in 0..N {
         let at = |k: f64| {
             let mut moved = *x;

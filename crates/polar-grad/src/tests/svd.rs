@@ -64,7 +64,7 @@ fn denormal_and_almost_infinite_entries() {
                 assert_eq!((svd.u, svd.v), (unit.u, unit.v));
             }
         }
-        let huge = case.matrix * (f64::MAX / case.matrix.amax());
+        let huge = (case.matrix / case.matrix.amax()) * f64::MAX;
         assert!(check(&huge).sigma.iter().all(|s| s.is_finite()));
     }
     let tiny = check(&Matrix3::from_diagonal_element(f64::from_bits(1)));
@@ -89,10 +89,11 @@ fn ties_follow_the_documented_choice() {
     for seed in 0..100 {
         let r = crate::testing::rotation(seed);
         let svd = signed_svd(&r);
-        assert_eq!(
-            svd.v,
-            identity.map(|x| x * svd.v[(0, 0)].abs()).map(|x| x.abs()),
-            "only sorting is allowed"
+        let is_sign_or_zero = |x: &f64| [-1.0, 0.0, 1.0].contains(x);
+        assert!(
+            svd.v.iter().all(is_sign_or_zero),
+            "only sorting is allowed: {}",
+            svd.v
         );
     }
 }
