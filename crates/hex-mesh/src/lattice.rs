@@ -1,6 +1,7 @@
 //! Numbering the corners of a set of cells.
 
-use crate::{HexMeshError, MAX_GRID_CELLS, corner_offset};
+use crate::grid_box::GridBox;
+use crate::{HexMeshError, corner_offset};
 
 /// How nodes are numbered.
 #[derive(Clone, Copy, PartialEq, Eq)]
@@ -17,103 +18,55 @@ pub(crate) struct NumberedNodes {
     pub elements: Vec<[u32; 8]>,
 }
 
-/// Integer box that holds the cells, and a flat index into its lattice points.
-struct Lattice {
-    min: [i32; 3],
-    points: [usize; 3],
-}
-
 const UNUSED: u32 = u32::MAX;
-
-impl Lattice {
-    fn around(cells: &[[i32; 3]]) -> Result<Self, HexMeshError> {
-        let axis_range = |axis: usize| {
-            let along = cells.iter().map(|cell| cell[axis]);
-            (along.clone().min(), along.max())
-        };
-        let mut lattice = Self {
-            min: [0; 3],
-            points: [0; 3],
-        };
-        let mut grid_cells = 1.0;
-        for axis in 0..3 {
-            let (Some(min), Some(max)) = axis_range(axis) else {
-                return Err(HexMeshError::NoCellsGiven);
-            };
-            let count = (i64::from(max) - i64::from(min) + 1) as usize;
-            grid_cells *= count as f64;
-            lattice.min[axis] = min;
-            lattice.points[axis] = count + 1;
-        }
-        if grid_cells > MAX_GRID_CELLS as f64 || cells.iter().flatten().any(|&i| i == i32::MAX) {
-            return Err(HexMeshError::GridTooLarge {
-                cells: grid_cells,
-                limit: MAX_GRID_CELLS,
-            });
-        }
-        Ok(lattice)
-    }
-
-    fn index(&self, cell: [i32; 3], offset: [usize; 3]) -> usize {
-        let [x, y, z] = std::array::from_fn(|axis| {
-            i64::from(cell[axis]).abs_diff(i64::from(self.min[axis])) as usize + offset[axis]
-        });
-        (x * self.points[1] + y) * self.points[2] + z
-    }
-
-    fn point(&self, index: usize) -> [i32; 3] {
-        let (rest, z) = (index / self.points[2], index % self.points[2]);
-        let (x, y) = (rest / self.points[1], rest % self.points[1]);
-        let [min_x, min_y, min_z] = self.min;
-        [min_x + x as i32, min_y + y as i32, min_z + z as i32]
-    }
-
-    fn point_count(&self) -> usize {
-        self.points.iter().product()
-    }
-
-    fn check_distinct(&self, cells: &[[i32; 3]]) -> Result<(), HexMeshError> {
-        let mut seen = vec![false; self.point_count()];
-        for (entry, &cell) in cells.iter().enumerate() {
-            if std::mem::replace(&mut seen[self.index(cell, [0; 3])], true) {
-                return Err(HexMeshError::DuplicateCell { cell, entry });
-            }
-        }
-        Ok(())
-    }
-}
 
 /// Numbers the corners that `cells` use; cells that share a lattice point share the node.
 pub(crate) fn number_nodes(
     cells: &[[i32; 3]],
     order: NodeOrder,
 ) -> Result<NumberedNodes, HexMeshError> {
-    let lattice = Lattice::around(cells)?;
-    lattice.check_distinct(cells)?;
-    let corners = |cell: [i32; 3]| {
-        std::array::from_fn::<usize, 8, _>(|c| lattice.index(cell, corner_offset(c)))
-    };
+    let cell_box = GridBox::around(cells)?;
+    let lattice = cell_box.corners();
+    let strides = lattice.strides();
+    let steps: [usize; 8] = std::array::from_fn(|corner| {
+        let offset = corner_offset(corner);
+        (0..3).map(|axis| offset[axis] * strides[axis]).sum()
+    });
 
-    let mut node_at = vec![UNUSED; lattice.point_count()];
-    let mut points = Vec::new();
-    for &cell in cells {
-        for index in corners(cell) {
-            if node_at[index] == UNUSED {
-                node_at[index] = points.len() as u32;
-                points.push(lattice.point(index));
-            }
+    let mut occupied = vec![false; lattice.len()];
+    let mut elements = Vec::with_capacity(cells.len());
+    let mut node_at = vec![UNUSED; lattice.len()];
+    let mut places = Vec::new();
+    for (entry, &cell) in cells.iter().enumerate() {
+        let place = lattice.index(cell).expect("the box surrounds its cells");
+        if std::mem::replace(&mut occupied[place], true) {
+            return Err(HexMeshError::DuplicateCell { cell, entry });
         }
+        elements.push(steps.map(|step| {
+            let node = &mut node_at[place + step];
+            if *node == UNUSED {
+                *node = places.len() as u32;
+                places.push(place + step);
+            }
+            *node
+        }));
     }
     if order == NodeOrder::Lexicographic {
-        let used = (0..node_at.len()).filter(|&index| node_at[index] != UNUSED);
-        for (node, index) in used.collect::<Vec<_>>().into_iter().enumerate() {
-            node_at[index] = node as u32;
-            points[node] = lattice.point(index);
-        }
+        renumber_by_place(&mut places, &mut elements);
     }
-    let elements = cells
-        .iter()
-        .map(|&cell| corners(cell).map(|index| node_at[index]))
-        .collect();
+    let points = places.iter().map(|&place| lattice.point(place)).collect();
     Ok(NumberedNodes { points, elements })
+}
+
+fn renumber_by_place(places: &mut [usize], elements: &mut [[u32; 8]]) {
+    let mut order: Vec<u32> = (0..places.len() as u32).collect();
+    order.sort_unstable_by_key(|&node| places[node as usize]);
+    let mut rank = vec![0; places.len()];
+    for (new, &old) in order.iter().enumerate() {
+        rank[old as usize] = new as u32;
+    }
+    places.sort_unstable();
+    for node in elements.iter_mut().flatten() {
+        *node = rank[*node as usize];
+    }
 }

@@ -1,15 +1,10 @@
-//! Hexahedral voxel meshes of closed surfaces: nodes, elements, quadrature, embedding and regions.
-//!
-//! A [`HexMesh`] is made of cubes of one edge length, either a [`HexMesh::solid_box`], a list of cells ([`HexMesh::from_cells`]) or
-//! the [`voxelise`]d inside of a closed surface. An [`Embedding`] ties points (a skin, a bone) to the cubes; a [`NodeRegion`]
-//! picks nodes.
-//!
-//! Corner order everywhere: corner `c = 4 a + 2 b + c'` of a cube has offsets `(a, b, c')` in `{0, 1}^3` along x, y, z, so x is
-//! slowest and z fastest. Sample points of an element run in the same order.
+#![doc = include_str!("../README.md")]
 
 mod cell_index;
+mod cell_tree;
 mod embedding;
 mod error;
+mod grid_box;
 mod incidence;
 mod lattice;
 mod mesh;

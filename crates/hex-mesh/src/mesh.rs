@@ -208,10 +208,10 @@ impl HexMesh {
         NodeElements::new(self.nodes.len(), &self.elements)
     }
 
-    /// A look-up from integer cells to elements.
+    /// A look-up from integer cells to elements. Takes 4 bytes per cell of the mesh's bounding box.
     #[must_use]
     pub fn cell_index(&self) -> CellIndex {
-        CellIndex::new(&self.cells)
+        CellIndex::new(&self.cells).expect("checked when the mesh was built")
     }
 }
 

@@ -70,13 +70,6 @@ fn cells_keep_their_order_and_place() {
 }
 
 #[test]
-fn a_cell_may_list_several_elements() {
-    let index = hex_mesh::CellIndex::new(&[[1, 1, 1], [0, 0, 0], [1, 1, 1], [1, 1, 1]]);
-    assert_eq!(index.elements([1, 1, 1]).collect::<Vec<_>>(), [0, 2, 3]);
-    assert_eq!(index.elements([0, 0, 0]).collect::<Vec<_>>(), [1]);
-}
-
-#[test]
 fn incidence_is_the_transpose_of_the_elements() {
     let mesh = HexMesh::solid_box([3, 2, 2], 1.0, Quadrature::One).unwrap();
     let incidence = mesh.node_elements();

@@ -200,6 +200,7 @@ fn bones_hold_nodes_of_the_face() {
             .select_with_surface(&mesh, &bone)
             .unwrap();
         let volume = nodes.len() as f64 * mesh.element_volume();
-        assert!((volume / bone.signed_volume() - 1.0).abs() < 0.1);
+        let ratio = volume / bone.signed_volume();
+        assert!((ratio - 1.0).abs() < 0.1, "{ratio}");
     }
 }

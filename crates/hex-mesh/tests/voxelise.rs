@@ -172,19 +172,19 @@ fn anchored_grids_differ_by_whole_cells_only() {
 fn the_largest_piece_is_kept_and_the_others_reported() {
     let centre = Vector3::new(3.0, 0.0, 0.0);
     let surface = joined(&moved(&icosphere(3, 0.5), centre), &icosphere(3, 1.0));
-    let Voxelised { mesh, report } = voxels(&surface, 0.1);
+    let Voxelised { mesh, report } = voxels(&surface, 0.05);
     assert_eq!(report.pieces, 2);
     let [dropped] = report.dropped[..] else {
         panic!("{report}")
     };
-    assert!((dropped.elements as f64 * 1e-3 / 0.52 - 1.0).abs() < 0.06);
+    assert!((dropped.elements as f64 * 1.25e-4 / 0.52 - 1.0).abs() < 0.04);
     assert!(((dropped.min + dropped.max) / 2.0 - centre).norm() < 0.1);
     assert!(mesh.nodes().iter().all(|node| node.x < 1.1));
     assert!(report.to_string().contains("dropped a piece of"));
 
     let all = VoxelOptions {
         keep: Keep::All,
-        ..VoxelOptions::new(0.1)
+        ..VoxelOptions::new(0.05)
     };
     let Voxelised { mesh: both, report } = voxelise(&surface, &all).unwrap();
     assert_eq!(

@@ -19,7 +19,12 @@ pub(crate) fn check_closed(
     if let Some(vertex) = vertices.iter().position(not_finite) {
         return Err(HexMeshError::VertexNotFinite { vertex });
     }
-    let edges = odd_edges(&weld(vertices), triangles);
+    if odd_edges(triangles.iter().copied()).is_empty() {
+        return Ok(());
+    }
+    let first = weld(vertices);
+    let welded = |triangle: &[u32; 3]| triangle.map(|vertex| first[vertex as usize]);
+    let edges = odd_edges(triangles.iter().map(welded));
     if edges.is_empty() {
         return Ok(());
     }
@@ -51,18 +56,17 @@ fn weld(vertices: &[Vector3<f64>]) -> Vec<u32> {
     first
 }
 
-fn odd_edges(first: &[u32], triangles: &[[u32; 3]]) -> Vec<[u32; 2]> {
-    let mut edges: Vec<[u32; 2]> = triangles
-        .iter()
-        .flat_map(|&[a, b, c]| [[a, b], [b, c], [c, a]])
-        .map(|edge| edge.map(|vertex| first[vertex as usize]))
+/// The edges with an odd number of triangles, each as a rising pair of vertices.
+fn odd_edges(triangles: impl Iterator<Item = [u32; 3]>) -> Vec<[u32; 2]> {
+    let mut edges: Vec<u64> = triangles
+        .flat_map(|[a, b, c]| [[a, b], [b, c], [c, a]])
         .filter(|[a, b]| a != b)
-        .map(|[a, b]| [a.min(b), a.max(b)])
+        .map(|[a, b]| u64::from(a.min(b)) << 32 | u64::from(a.max(b)))
         .collect();
     edges.par_sort_unstable();
     edges
         .chunk_by(|a, b| a == b)
         .filter(|same| same.len() % 2 == 1)
-        .map(|same| same[0])
+        .map(|same| [(same[0] >> 32) as u32, same[0] as u32])
         .collect()
 }

@@ -72,12 +72,30 @@ impl fmt::Display for VoxelReport {
                 self.minority_votes
             )?;
         }
-        for piece in &self.dropped {
+        self.fmt_dropped(f)
+    }
+}
+
+/// How many dropped pieces the printed report lists one by one.
+const LISTED_PIECES: usize = 4;
+
+impl VoxelReport {
+    fn fmt_dropped(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        for piece in self.dropped.iter().take(LISTED_PIECES) {
             let (min, max) = (piece.min, piece.max);
             write!(
                 f,
-                "\ndropped a piece of {} elements in ({}, {}, {}) to ({}, {}, {})",
+                "\ndropped a piece of {} elements in ({:.6}, {:.6}, {:.6}) to ({:.6}, {:.6}, {:.6})",
                 piece.elements, min.x, min.y, min.z, max.x, max.y, max.z
+            )?;
+        }
+        let rest = self.dropped.get(LISTED_PIECES..).unwrap_or_default();
+        if !rest.is_empty() {
+            let elements: usize = rest.iter().map(|piece| piece.elements).sum();
+            write!(
+                f,
+                "\ndropped {} more pieces, {elements} elements",
+                rest.len()
             )?;
         }
         Ok(())
