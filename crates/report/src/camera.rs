@@ -58,7 +58,10 @@ impl Camera {
             half: [1.0; 2],
         };
         let bounds = Bounds::of(points.into_iter().map(|point| camera.axes * point))?;
-        camera.set_window(bounds.low, bounds.high);
+        // Depths are kept in single precision, so they are counted from the middle of the object.
+        let middle = 0.5 * (bounds.low + bounds.high);
+        camera.origin = camera.axes.transpose() * middle;
+        camera.set_window(bounds.low - middle, bounds.high - middle);
         Ok(camera)
     }
 
@@ -80,11 +83,11 @@ impl Camera {
         }
         let points = points.into_iter();
         let mut camera = Self::framing(points.clone(), direction, up)?;
-        let bounds = Bounds::of(points.clone().map(|point| camera.axes * point))?;
+        let centred = |point| camera.axes * (point - camera.origin);
+        let bounds = Bounds::of(points.clone().map(centred))?;
         let radius = camera.half[0].max(camera.half[1]);
         let distance = radius / (0.5 * field_of_view).tan();
-        let eye = Vector3::new(camera.centre[0], camera.centre[1], bounds.high.z + distance);
-        camera.origin = camera.axes.transpose() * eye;
+        camera.origin += camera.axes.row(2).transpose() * (bounds.high.z + distance);
         camera.perspective = true;
         let plane = |point| {
             let [x, y] = camera

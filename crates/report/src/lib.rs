@@ -1,4 +1,12 @@
 //! Headless pictures of surfaces, comparison sheets and plots.
+//!
+//! [`render`] draws a [`Mesh`] as a [`Camera`] sees it, [`ComparisonSheet`] sets target, simulation and error side by side, and
+//! [`LinePlot`] draws curves. Nothing needs a screen or a graphics card.
+
+/// Compiles the example of the README.
+#[cfg(doctest)]
+#[doc = include_str!("../README.md")]
+struct Readme;
 
 mod camera;
 mod colour_map;

@@ -3,7 +3,7 @@
 use crate::camera::Camera;
 use crate::error::ReportError;
 use crate::image::{Image, Rgb, check_size};
-use crate::normals::vertex_normals;
+use crate::normals::{hollowness, vertex_normals};
 use crate::shade::{Finish, Linear, SrgbTable, shade, to_linear};
 use nalgebra::Vector3;
 use rayon::prelude::*;
@@ -22,6 +22,8 @@ const BAND: usize = 16;
 const SUBSAMPLE: f64 = 256.0;
 /// Vertices further out than this many subsamples are pulled in, which keeps the integer edges from overflowing.
 const GUARD: f64 = (1_u64 << 29) as f64;
+/// Part of the light that a narrow groove loses.
+const HOLLOW_SHADOW: f32 = 0.75;
 const NOTHING: u32 = u32::MAX;
 
 /// The colour of a surface.
@@ -123,6 +125,8 @@ struct Scene<'a> {
     /// Unit vertex normals in right, up, backwards.
     normals: Vec<[f32; 3]>,
     colours: Vec<Linear>,
+    /// Part of the light that reaches each vertex; empty where colours must stay as they are.
+    reached: Vec<f32>,
     finish: Finish,
 }
 
@@ -134,10 +138,18 @@ struct Samples {
 
 impl<'a> Scene<'a> {
     fn new(mesh: &'a Mesh<'a>, camera: &Camera, width: usize, height: usize) -> Self {
-        let normals = vertex_normals(mesh.vertices, mesh.triangles)
+        let outwards = vertex_normals(mesh.vertices, mesh.triangles);
+        let normals = outwards
             .iter()
             .map(|normal| camera.turn(normal).map(|value| value as f32).into())
             .collect();
+        let reached = match mesh.colours {
+            Colours::Uniform(_) => hollowness(mesh.vertices, mesh.triangles, &outwards)
+                .iter()
+                .map(|hollow| 1.0 - HOLLOW_SHADOW * hollow)
+                .collect(),
+            Colours::PerVertex(_) => Vec::new(),
+        };
         let (colours, finish) = match mesh.colours {
             Colours::Uniform(colour) => (vec![to_linear(colour)], Finish::Clay),
             Colours::PerVertex(colours) => (
@@ -152,6 +164,7 @@ impl<'a> Scene<'a> {
             triangles: project_triangles(mesh, camera, width, height),
             normals,
             colours,
+            reached,
             finish,
         }
     }
@@ -237,7 +250,13 @@ impl<'a> Scene<'a> {
             })
         };
         let colour = match self.mesh.colours {
-            Colours::Uniform(_) => self.colours[0],
+            Colours::Uniform(_) => {
+                let light = triangle
+                    .vertices
+                    .map(|vertex| self.reached[vertex as usize]);
+                let light: f32 = (0..3).map(|corner| weights[corner] * light[corner]).sum();
+                self.colours[0].map(|channel| channel * light)
+            }
             Colours::PerVertex(_) => mix(triangle
                 .vertices
                 .map(|vertex| self.colours[vertex as usize])),
@@ -333,25 +352,31 @@ impl ScreenTriangle {
         let mut row_edges = sides.map(|[from, to]| edge(from, to, start));
         let step_right = sides.map(|[from, to]| (from[1] - to[1]) * unit);
         let step_down = sides.map(|[from, to]| (to[0] - from[0]) * unit);
-        let inverse_area = 1.0 / self.area as f32;
+        let per_area = self.nearness.map(|near| f64::from(near) / self.area as f64);
+        let plane = |edges: [i64; 3]| -> f32 {
+            (0..3)
+                .map(|side| edges[side] as f64 * per_area[side])
+                .sum::<f64>() as f32
+        };
+        let slope = plane(step_right);
         for row in upper..=lower {
-            let offset = (row - top as i64) as usize * columns;
-            let line = offset + left as usize..=offset + right as usize;
-            let nearness = &mut samples.nearness[line.clone()];
-            let owner = &mut samples.owner[line];
-            let mut edges = row_edges;
-            for (nearest, owner) in nearness.iter_mut().zip(owner) {
-                if edges[0] | edges[1] | edges[2] >= 0 {
-                    let near = edges[0] as f32 * inverse_area * self.nearness[0]
-                        + edges[1] as f32 * inverse_area * self.nearness[1]
-                        + edges[2] as f32 * inverse_area * self.nearness[2];
-                    if near > *nearest {
-                        *nearest = near;
-                        *owner = index;
-                    }
-                }
-                for side in 0..3 {
-                    edges[side] += step_right[side];
+            let (first, last) = span(row_edges, step_right, right - left);
+            if first <= last {
+                let begin = (row - top as i64) as usize * columns + (left + first) as usize;
+                let line = begin..=begin + (last - first) as usize;
+                let near_left = plane(std::array::from_fn(|side| {
+                    row_edges[side] + first * step_right[side]
+                }));
+                let nearness = &mut samples.nearness[line.clone()];
+                for (place, (nearest, owner)) in nearness
+                    .iter_mut()
+                    .zip(&mut samples.owner[line])
+                    .enumerate()
+                {
+                    let near = near_left + place as f32 * slope;
+                    let wins = near > *nearest;
+                    *nearest = if wins { near } else { *nearest };
+                    *owner = if wins { index } else { *owner };
                 }
             }
             for side in 0..3 {
@@ -375,6 +400,21 @@ impl ScreenTriangle {
         let sum: f32 = weights.iter().sum();
         weights.map(|weight| weight / sum)
     }
+}
+
+/// First and last step (0 to `steps`) at which no edge is negative, exactly; empty when first > last.
+fn span(edges: [i64; 3], step_right: [i64; 3], steps: i64) -> (i64, i64) {
+    let (mut first, mut last) = (0, steps);
+    for (edge, step) in edges.into_iter().zip(step_right) {
+        match step.signum() {
+            1 if edge < 0 => first = first.max((step - 1 - edge) / step),
+            -1 if edge >= 0 => last = last.min(edge / -step),
+            -1 => last = -1,
+            0 if edge < 0 => last = -1,
+            _ => {}
+        }
+    }
+    (first, last)
 }
 
 /// Twice the signed area of the triangle (from, to, point).

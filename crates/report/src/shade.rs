@@ -22,19 +22,19 @@ struct Light {
 
 const KEY: Light = Light {
     towards: [-0.4629, 0.6171, 0.6364],
-    colour: [0.86, 0.83, 0.78],
+    colour: [0.80, 0.77, 0.73],
 };
 const FILL: Light = Light {
     towards: [0.7985, 0.0998, 0.5937],
-    colour: [0.16, 0.18, 0.21],
+    colour: [0.24, 0.25, 0.27],
 };
 /// From behind and above: it lifts the outline off the background.
 const RIM: Light = Light {
     towards: [0.2408, 0.5619, -0.7914],
     colour: [0.22, 0.24, 0.26],
 };
-const SKY: Linear = [0.25, 0.26, 0.28];
-const GROUND: Linear = [0.13, 0.12, 0.115];
+const SKY: Linear = [0.26, 0.27, 0.28];
+const GROUND: Linear = [0.19, 0.175, 0.165];
 
 /// The colour in linear light of a surface seen with unit `normal` (right, up, backwards; turned towards the viewer).
 pub(crate) fn shade(normal: [f32; 3], colour: Linear, finish: Finish) -> Linear {

@@ -222,7 +222,8 @@ impl<'a> Layout<'a> {
         let scale_left = GAP + LABEL_WIDTH + COLUMNS * (panel[0] + GAP) + GAP;
         let unit = scale.unit();
         let mut scale_note = vec!["largest".to_owned(), format!("{} {unit}", number(largest))];
-        if largest > scale.end() {
+        // The automatic end may fall short of the largest error by its own rounding.
+        if largest > scale.end() * (1.0 + 1e-9) {
             scale_note.extend([
                 "above the".to_owned(),
                 "scale: last".to_owned(),
