@@ -47,6 +47,10 @@ pub use net::{ActuationNet, Output, OutputCotangent, Traced};
 pub use plain::{PlainNet, Real};
 pub use tensor_file::TensorFile;
 
+#[cfg(doctest)]
+#[doc = include_str!("../README.md")]
+struct ReadmeExample;
+
 /// Entries of the actuation per point: `b` in the order 11, 12, 13, 22, 23, 33.
 pub const ACTUATION_SIZE: usize = 6;
 

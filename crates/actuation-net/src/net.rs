@@ -94,7 +94,8 @@ impl ActuationNet {
         self.parameters.clone()
     }
 
-    /// All parameters in place, for an optimiser.
+    /// All parameters in place, for an optimiser such as [`crate::Adam`], which keeps them finite. Anything else should use
+    /// [`ActuationNet::set_parameters`], which checks.
     pub fn parameters_mut(&mut self) -> &mut [f32] {
         &mut self.parameters
     }

@@ -140,6 +140,8 @@ fn resuming_from_a_file_continues_bit_for_bit() {
 }
 
 proptest! {
+    #![proptest_config(ProptestConfig { failure_persistence: None, ..ProptestConfig::default() })]
+
     /// Without curvature in its history a step is at most the learning rate, whatever the gradient's size.
     #[test]
     fn the_first_step_is_the_learning_rate(g in prop::num::f32::NORMAL, lr in 1e-6f64..1e-1) {

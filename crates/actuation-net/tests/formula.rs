@@ -64,9 +64,9 @@ fn check(width: Width, descriptor_size: usize) {
     for (found, expected) in net.latent(&descriptor).unwrap().iter().zip(&latent) {
         assert!((f64::from(*found) - expected).abs() < 1e-5);
     }
-    for i in 0..5 {
-        assert!((exact.joint[i] - joint[i]).abs() < 1e-13);
-        assert!((f64::from(fused.joint[i]) - joint[i]).abs() < 1e-5);
+    for (i, expected) in joint.iter().enumerate() {
+        assert!((exact.joint[i] - expected).abs() < 1e-13);
+        assert!((f64::from(fused.joint[i]) - expected).abs() < 1e-5);
     }
     for (p, point) in wide(&points).chunks(3).enumerate() {
         for (i, expected) in named.actuation(&latent, point).into_iter().enumerate() {

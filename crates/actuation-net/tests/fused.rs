@@ -33,11 +33,11 @@ fn errors(width: Width, n: usize) -> (f64, f64) {
 
 #[test]
 fn fused_f32_is_close_to_plain_f64() {
-    // 1300 points: two whole chunks and a part of one.
+    // 1300 points: several whole chunks and a part of one.
     for (width, value_bound, gradient_bound) in [
-        (Width::W64, 1e-4, 1e-4),
-        (Width::W128, 1e-4, 1e-4),
-        (Width::W256, 1e-4, 1e-4),
+        (Width::W64, 3e-5, 1.5e-5),
+        (Width::W128, 3e-5, 1.5e-5),
+        (Width::W256, 3e-5, 1.5e-5),
     ] {
         let (value, gradient) = errors(width, 1300);
         println!("{width:?}: output {value:.1e}, gradient {gradient:.1e}");
@@ -48,8 +48,12 @@ fn fused_f32_is_close_to_plain_f64() {
 
 #[test]
 fn bits_do_not_depend_on_the_number_of_threads() {
-    let net = lively_net(Width::W64, 4);
-    let n = 40 * 512 + 77;
+    check_bits(Width::W64, 20_557);
+    check_bits(Width::W256, 3_001);
+}
+
+fn check_bits(width: Width, n: usize) {
+    let net = lively_net(width, 4);
     let (descriptor, points, bar) = (scatter(4, 2), scatter(3 * n, 3), cotangent(n));
     let run = |threads| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads);
@@ -102,7 +106,7 @@ fn one_latent_serves_all_points() {
     let net = lively_net(Width::W64, 4);
     let points = scatter(3 * 1100, 3);
     let together = net.evaluate(&scatter(4, 2), &points).unwrap();
-    for p in [0, 511, 512, 1099] {
+    for p in [0, 255, 256, 1099] {
         let alone = net
             .evaluate(&scatter(4, 2), &points[3 * p..3 * p + 3])
             .unwrap();
@@ -166,7 +170,7 @@ fn a_cotangent_of_the_wrong_length_panics() {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(24))]
+    #![proptest_config(ProptestConfig { cases: 24, failure_persistence: None, ..ProptestConfig::default() })]
 
     /// The reverse pass is linear in the cotangent and sums over points: a batch equals its two parts.
     #[test]

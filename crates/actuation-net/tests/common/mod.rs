@@ -15,7 +15,7 @@ pub fn scatter(count: usize, seed: u64) -> Vec<f32> {
     (0..count).map(|_| next()).collect()
 }
 
-/// A network in which every part matters: what starts small is scaled up, zero biases are filled.
+/// A network in which every part matters: what starts small or zero is drawn anew and larger.
 pub fn lively_net(width: Width, descriptor: usize) -> ActuationNet {
     let net = ActuationNet::new(&NetworkConfig::new(descriptor, width), 11).unwrap();
     let mut parameters = net.parameters();
