@@ -4,14 +4,14 @@ use nalgebra::Vector3;
 
 use crate::{ShapeError, StarfishShape};
 
-/// Height of an arm's root as a part of the height at the centre.
-const ARM_HEIGHT: f64 = 0.75;
 /// Depth of the underside as a part of the height of the top.
 const UNDERSIDE: f64 = 0.75;
 /// Half width of the band in which top and underside go over into each other, as a part of the height.
 const UNDERSIDE_BAND: f64 = 0.3;
+/// Where the axis of an arm's cone starts, as a part of the disc radius: within the disc, so that no groove rings it.
+const ARM_START: f64 = 0.5;
 /// Blend length of the smooth minimum, as a part of the arm's half width.
-const BLEND: f64 = 0.2;
+const BLEND: f64 = 0.25;
 
 /// The body of a starfish as an implicit function: negative inside, zero on the surface, positive outside.
 ///
@@ -46,11 +46,8 @@ impl StarfishBody {
             directions,
             disc_radius: shape.disc_radius,
             height: shape.thickness,
-            arm_stretch: shape.arm_width / (ARM_HEIGHT * shape.thickness),
-            arm: RoundCone::new(
-                [shape.disc_radius, shape.radius - shape.tip_width],
-                [shape.arm_width, shape.tip_width],
-            ),
+            arm_stretch: shape.arm_width / shape.arm_height(),
+            arm: arm_cone(shape),
             blend: BLEND * shape.arm_width,
             underside_scale: 1.0,
         };
@@ -113,6 +110,15 @@ impl StarfishBody {
             Vector3::new(point.x, flat * flat * y * d_y, point.z) / radius,
         )
     }
+}
+
+/// The cone that has the arm's half width where it leaves the disc.
+fn arm_cone(shape: &StarfishShape) -> RoundCone {
+    let start = ARM_START * shape.disc_radius;
+    let end = shape.radius - shape.tip_width;
+    let taper = (shape.arm_width - shape.tip_width) / (end - shape.disc_radius);
+    let start_width = shape.tip_width + taper * (end - start);
+    RoundCone::new([start, end], [start_width, shape.tip_width])
 }
 
 /// The distance from a cone with spherical ends, in its half plane (along, radial).

@@ -58,20 +58,21 @@ fn project(body: &StarfishBody, vertices: &mut [Vector3<f64>], steps: usize) {
     }
 }
 
-/// One step half way towards the mean of the neighbours, in the tangent plane.
+/// Moves vertices to the area-weighted mean of their triangles' centres, in the tangent plane.
 fn smooth(body: &StarfishBody, vertices: &mut [Vector3<f64>], triangles: &[[u32; 3]]) {
     let mut sums = vec![(Vector3::zeros(), 0.0); vertices.len()];
     for triangle in triangles {
-        for corner in 0..3 {
-            // Each edge of a closed surface is met once in each direction, so every neighbour counts once.
-            let (sum, count) = &mut sums[triangle[corner] as usize];
-            *sum += vertices[triangle[(corner + 1) % 3] as usize];
-            *count += 1.0;
+        let [a, b, c] = triangle.map(|i| vertices[i as usize]);
+        let area = (b - a).cross(&(c - a)).norm();
+        for &corner in triangle {
+            let (sum, weight) = &mut sums[corner as usize];
+            *sum += (a + b + c) * (area / 3.0);
+            *weight += area;
         }
     }
-    for (vertex, (sum, count)) in vertices.iter_mut().zip(sums) {
+    for (vertex, (sum, weight)) in vertices.iter_mut().zip(sums) {
         let normal = body.value_and_gradient(vertex).1.normalize();
-        let step = (sum / count - *vertex) * 0.5;
+        let step = sum / weight - *vertex;
         *vertex += step - normal * normal.dot(&step);
     }
 }

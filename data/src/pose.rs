@@ -10,9 +10,9 @@ use crate::{ShapeError, StarfishShape};
 /// The held radius as a part of the disc radius.
 const HELD: f64 = 0.8;
 /// Length over which bending sets in, as a part of the arm's length.
-const ONSET: f64 = 1.0 / 6.0;
-/// A lift's bending lasts this many onsets, and one more to fade: half of the arm in all.
-const LIFT_ONSETS: f64 = 2.0;
+const ONSET: f64 = 1.0 / 8.0;
+/// A lift's bending lasts this many onsets, and one more to fade: 5/8 of the arm in all.
+const LIFT_ONSETS: f64 = 4.0;
 /// An arm moves fully up to this part of its half sector's width, and not at all at the border.
 const FULL_SECTOR: f64 = 0.7;
 /// Centreline integrals are tabulated at this many places in each onset length.
@@ -27,7 +27,8 @@ const GAUSS: [[f64; 2]; 4] = [
 
 /// How one arm is bent; all angles in degrees, zero by default.
 ///
-/// Made for |curl| and |twist| up to 120, |lift| up to 60 and |sway| up to 40, one by one or together.
+/// With the default shape, |curl| and |twist| up to 120, |lift| up to 60 and |sway| up to 40 may come together: nothing
+/// turns over and no arm meets another when all arms do the same.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Deserialize, Serialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct ArmPose {
@@ -37,7 +38,7 @@ pub struct ArmPose {
     pub sway: f64,
     /// Rotation of the tip about the arm's own axis, right-handed, growing evenly from the root.
     pub twist: f64,
-    /// Upward bending within the first half of the arm: the rest rises at this angle.
+    /// Upward bending within the first 5/8 of the arm: the rest rises at this angle.
     pub lift: f64,
 }
 
@@ -90,9 +91,8 @@ pub fn held_radius(shape: &StarfishShape) -> f64 {
 /// continuously differentiable. Then
 /// `x(s, y, t) = held e_s + int_held^s T ds + (y cos c - t sin c) N + (y sin c + t cos c) B` with the orthonormal frame
 /// `T = (cos a cos b, sin a, cos a sin b)`, `N = (-sin a cos b, cos a, -sin a sin b)`, `B = (-sin b, 0, cos b)`.
-/// The map's Jacobian determinant is 1 less curvature times offset from the centreline. Displacements fade to zero towards
-/// the border between two arms, where the body has only its disc, so the map is continuous everywhere but on the axis
-/// high above the arms' reach.
+/// Its Jacobian determinant is 1 less the curvature times the offset towards the centre of curvature. Displacements fade to zero towards
+/// the border between two arms, where the body has only its disc, so the map is continuous.
 ///
 /// # Panics
 /// When [`StarfishPose::check`] fails.

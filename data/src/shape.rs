@@ -8,6 +8,8 @@ use crate::ShapeError;
 
 const MIN_ARMS: usize = 3;
 const MAX_ARMS: usize = 12;
+/// Height of an arm's root as a part of the height at the centre.
+const ARM_HEIGHT: f64 = 0.75;
 
 /// The measures of a starfish that lies in the plane y = 0, Y up, with arm 0 along +x and arm `i` turned from there by
 /// `i / arms` of a full turn towards +z. All lengths are in one unit of the user's choice.
@@ -103,8 +105,8 @@ impl StarfishShape {
             (
                 "resolution",
                 self.resolution,
-                self.tip_width,
-                "`tip_width`: tips need some triangles",
+                self.tip_height(),
+                "the half height of the arm tips, 3/4 `thickness` `tip_width` / `arm_width`",
             ),
         ] {
             if value >= limit {
@@ -117,6 +119,15 @@ impl StarfishShape {
             }
         }
         Ok(())
+    }
+
+    /// Half the height of an arm where its half width is `arm_width`, not counting that the underside is flatter.
+    pub(crate) fn arm_height(&self) -> f64 {
+        ARM_HEIGHT * self.thickness
+    }
+
+    fn tip_height(&self) -> f64 {
+        self.arm_height() * self.tip_width / self.arm_width
     }
 
     /// The angle of arm `arm` about the axis, in radians from +x towards +z.

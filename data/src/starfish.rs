@@ -7,8 +7,8 @@ use crate::improve::{improve, split};
 use crate::nets::{Grid, surface_nets};
 use crate::{ShapeError, StarfishBody, StarfishShape};
 
-/// Grid step over the mean edge length of the triangles it leads to (1.03 to 1.05 measured at several resolutions).
-const STEP: f64 = 0.96;
+/// Grid step over the mean edge length of the triangles it leads to, as measured on the default shape.
+const STEP: f64 = 1.09;
 const MAX_CELLS: f64 = 1e8;
 /// The blend of disc and arms raises the body above `thickness` by less than this part of it.
 const HEIGHT_MARGIN: f64 = 0.3;
@@ -24,6 +24,12 @@ pub fn starfish(shape: &StarfishShape) -> Result<Surface, ShapeError> {
     let body = StarfishBody::new(shape)?;
     let grid = grid(shape)?;
     let (mut vertices, quads) = surface_nets(&grid, |point| body.value(point));
+    if quads.is_empty() {
+        return Err(ShapeError::NotASphere {
+            resolution: shape.resolution,
+            euler: 0,
+        });
+    }
     let mut triangles = split(&vertices, &quads);
     improve(&body, &mut vertices, &mut triangles);
     let surface = Surface::from_triangles(vertices, triangles)?;
@@ -57,5 +63,21 @@ fn require_sphere(shape: &StarfishShape, surface: &Surface) -> Result<(), ShapeE
             resolution: shape.resolution,
             euler,
         })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use surface_mesh::primitives::torus;
+
+    use super::*;
+
+    #[test]
+    fn a_surface_with_a_handle_is_refused() {
+        let refused = require_sphere(&StarfishShape::default(), &torus(1.0, 0.3, 20, 10));
+        assert!(matches!(
+            refused,
+            Err(ShapeError::NotASphere { euler: 0, .. })
+        ));
     }
 }
