@@ -32,7 +32,7 @@ const WELL_CONDITIONED: f64 = 1e-3;
 /// gradient.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RotationGradient {
-    /// The polar rotation `R`, as from [`crate::polar_rotation`].
+    /// The polar rotation `R`, equal to [`crate::polar_rotation`] to the last bit.
     pub rotation: Matrix3<f64>,
     /// `B`, symmetric, of unit `1/M`: the inverse of [`Self::pair_sums`].
     pub factor: Matrix3<f64>,
@@ -47,9 +47,10 @@ impl RotationGradient {
     /// The rotation and its derivative at `m`; finite for every finite `m` (NaN in every entry
     /// otherwise).
     pub fn at(m: &Matrix3<f64>) -> Self {
-        match certified_rotation(m).and_then(|rotation| Self::well_conditioned(m, rotation)) {
+        let certified = certified_rotation(m);
+        match certified.and_then(|rotation| Self::well_conditioned(m, rotation)) {
             Some(gradient) => gradient,
-            None => Self::by_svd(m),
+            None => Self::by_svd(m, certified),
         }
     }
 
@@ -69,10 +70,11 @@ impl RotationGradient {
             })
     }
 
-    /// The derivative from the signed SVD, with the floors applied.
+    /// The derivative from the signed SVD, with the floors applied; the rotation is the certified
+    /// one where there is one, so that it equals that of [`crate::polar_rotation`] to the last bit.
     #[cold]
     #[inline(never)]
-    fn by_svd(m: &Matrix3<f64>) -> Self {
+    fn by_svd(m: &Matrix3<f64>, certified: Option<Matrix3<f64>>) -> Self {
         let Some((scaling, scaled)) = Scaling::to_unit(m) else {
             return Self::not_a_number();
         };
@@ -82,7 +84,7 @@ impl RotationGradient {
         let sums = Vector3::new(s.y + s.z, s.x + s.z, s.x + s.y);
         let raised = sums.map(|x| x.max(floor));
         Self {
-            rotation: svd.rotation(),
+            rotation: certified.unwrap_or_else(|| svd.rotation()),
             factor: conjugate(&svd.v, &raised.map(|x| 1.0 / x)) * scaling.down,
             pair_sums: conjugate(&svd.v, &raised).map(|x| scaling.restore(x)),
             smallest_pair_sum: scaling.restore(sums.x),

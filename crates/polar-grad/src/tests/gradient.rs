@@ -36,6 +36,7 @@ fn textbook_formula_at_every_hard_class() {
         let s = case.sigma;
         let gradient = RotationGradient::at(&case.matrix);
         assert!(is_finite(&gradient), "{name}: {gradient:?}");
+        assert_eq!(gradient.rotation, polar_rotation(&case.matrix));
         let gap = (s.y + s.z) / s.x;
         assert!(
             (gradient.smallest_pair_sum - (s.y + s.z)).abs() <= 1e-14 * s.x,
