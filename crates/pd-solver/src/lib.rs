@@ -35,6 +35,7 @@ mod solver;
 mod spec;
 mod vector;
 
+pub use effects::deformation_gradients;
 pub use error::SolverError;
 pub use solution::{
     Adjoint, AdjointOptions, AdjointStats, AdjointStatus, Method, Solution, SolveOptions,

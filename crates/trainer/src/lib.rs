@@ -1,1 +1,25 @@
-//! Trains, evaluates and simulates neural muscle fields; holds the program myofield
+//! Trains, evaluates and simulates neural muscle fields.
+//!
+//! A [`scene::Scene`] says what a body is made of and which shapes it is to learn; [`train::train`] turns it into a run folder;
+//! [`evaluate::evaluate`] simulates and measures what was learned; [`solve::solve`] makes the solver usable by itself. The program
+//! `myofield` is a command line over these.
+
+pub mod body;
+pub mod checkpoint;
+mod draw;
+pub mod error;
+pub mod evaluate;
+pub mod files;
+pub mod loss;
+pub mod npy;
+mod progress;
+pub mod run;
+pub mod scene;
+mod sheets;
+pub mod solve;
+pub mod stage1;
+pub mod stage2;
+pub mod train;
+
+pub use error::{Result, TrainerError};
+pub use progress::stop_on_signal;

@@ -1,2 +1,245 @@
-//! The program `myofield`.
-fn main() {}
+//! The program `myofield`: train, evaluate and simulate neural muscle fields.
+
+use clap::{Args, Parser, Subcommand};
+use pd_solver::{Method, Stop};
+use std::path::PathBuf;
+use std::process::ExitCode;
+use trainer::evaluate::{EvaluationRequest, evaluate, parse_weights};
+use trainer::run::{Run, default_folder};
+use trainer::scene::Scene;
+use trainer::solve::{BodySource, SolveRequest, solve};
+use trainer::train::{table, train};
+use trainer::{TrainerError, body, stop_on_signal};
+
+/// Trains a neural muscle field that drives a soft body through physics, and simulates it.
+#[derive(Parser)]
+#[command(name = "myofield", version, max_term_width = 100)]
+struct Cli {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Subcommand)]
+enum Command {
+    /// Train a scene (the starfish unless another is given) into a run folder.
+    Train(TrainArgs),
+    /// Simulate and measure the shapes of a trained run, and others.
+    Eval(EvalArgs),
+    /// Find one equilibrium, and the gradient of a loss, on arrays in .npy files.
+    Solve(SolveArgs),
+}
+
+#[derive(Args)]
+struct TrainArgs {
+    /// Scene file.
+    #[arg(default_value = "data/scenes/starfish.toml")]
+    scene: PathBuf,
+    /// Go on with the newest run of this scene, or with the one in --out.
+    #[arg(long)]
+    resume: bool,
+    /// Run folder (runs/NAME, or the next free number behind it, unless given).
+    #[arg(long, value_name = "DIR")]
+    out: Option<PathBuf>,
+    /// Folder that the scene's files are relative to (that of the scene file unless given).
+    #[arg(long, value_name = "DIR")]
+    data: Option<PathBuf>,
+}
+
+#[derive(Args)]
+struct EvalArgs {
+    /// Run folder.
+    run: PathBuf,
+    /// Shapes that were not trained: a glTF or GLB file over the same vertices.
+    #[arg(long, value_name = "FILE")]
+    shapes: Option<PathBuf>,
+    /// A blend of shapes, such as "curl=0.5,lift=0.5"; may be given several times.
+    #[arg(long, value_name = "LIST")]
+    weights: Vec<String>,
+    /// Another element size than that of training.
+    #[arg(long, value_name = "H")]
+    element_size: Option<f64>,
+    /// Where to write (RUN/evaluation unless given).
+    #[arg(long, value_name = "DIR")]
+    out: Option<PathBuf>,
+}
+
+#[derive(Args)]
+struct SolveArgs {
+    /// A solid box of NX x NY x NZ cubes with a corner at the origin.
+    #[arg(
+        long,
+        value_name = "NX,NY,NZ",
+        value_delimiter = ',',
+        num_args = 3,
+        required_unless_present = "surface",
+        requires = "size"
+    )]
+    cells: Option<Vec<usize>>,
+    /// Edge length of the cubes of --cells.
+    #[arg(long, value_name = "H")]
+    size: Option<f64>,
+    /// The inside of a closed surface (OBJ, glTF, GLB).
+    #[arg(
+        long,
+        value_name = "FILE",
+        conflicts_with = "cells",
+        requires = "element_size"
+    )]
+    surface: Option<PathBuf>,
+    /// Edge length of the elements of --surface.
+    #[arg(long, value_name = "H")]
+    element_size: Option<f64>,
+    /// Samples per element: 1, 8 or 27.
+    #[arg(long, default_value_t = 8)]
+    samples: usize,
+    /// Nodes held at rest: x=0, y=max, z>0.9 and the like; may be given several times.
+    #[arg(long, value_name = "SELECTION", allow_hyphen_values = true)]
+    fix: Vec<String>,
+    /// Actuation b: float64 [elements, samples, 6], entries 11, 12, 13, 22, 23, 33 of A = I + sym(b); zero unless given.
+    #[arg(long, value_name = "FILE.npy")]
+    actuation: Option<PathBuf>,
+    /// Stop when no node is estimated to be farther than this from its final place.
+    #[arg(long, value_name = "LENGTH", conflicts_with = "rel_grad")]
+    accuracy: Option<f64>,
+    /// Stop when |g| <= T |g at rest| over the free nodes.
+    #[arg(long, value_name = "T")]
+    rel_grad: Option<f64>,
+    /// local-global, lbfgs or newton.
+    #[arg(long, default_value = "lbfgs", value_parser = parse_method)]
+    method: Method,
+    /// Limit of iterations.
+    #[arg(long, default_value_t = 2000)]
+    max_iterations: usize,
+    /// Energy per volume for a unit misfit.
+    #[arg(long, default_value_t = 1.0)]
+    stiffness: f64,
+    /// Gradient of a loss by the positions: float64 [nodes, 3]; writes actuation_grad.npy.
+    #[arg(long, value_name = "FILE.npy")]
+    cotangent: Option<PathBuf>,
+    /// Folder of the output.
+    #[arg(long, value_name = "DIR", default_value = "solve")]
+    out: PathBuf,
+}
+
+fn parse_method(text: &str) -> Result<Method, String> {
+    serde_json::from_value(text.into()).map_err(|_| "use local-global, lbfgs or newton".into())
+}
+
+fn main() -> ExitCode {
+    let cli = Cli::parse();
+    stop_on_signal();
+    let done = match cli.command {
+        Command::Train(args) => run_train(&args).map(|()| true),
+        Command::Eval(args) => run_eval(args).map(|()| true),
+        Command::Solve(args) => run_solve(args),
+    };
+    match done {
+        Ok(true) => ExitCode::SUCCESS,
+        // The files are there, and say that the tolerance was not met.
+        Ok(false) => ExitCode::from(3),
+        Err(error) => {
+            eprintln!("error: {error}");
+            let interrupted = matches!(error, TrainerError::Interrupted { .. });
+            ExitCode::from(if interrupted { 130 } else { 1 })
+        }
+    }
+}
+
+fn run_train(args: &TrainArgs) -> trainer::Result<()> {
+    let run = if args.resume {
+        let folder = match &args.out {
+            Some(folder) => folder.clone(),
+            None => default_folder(&Scene::read(&args.scene)?.0.name, true),
+        };
+        Run::open(&folder)?
+    } else {
+        let (scene, text) = Scene::read(&args.scene)?;
+        let beside = args.scene.parent().map(PathBuf::from).unwrap_or_default();
+        let inputs = body::load_shapes(&scene, args.data.as_ref().unwrap_or(&beside))?;
+        let folder = args.out.clone();
+        let folder = folder.unwrap_or_else(|| default_folder(&scene.name, false));
+        Run::create(&folder, &text, &inputs)?
+    };
+    let scene = run.scene()?;
+    eprintln!(
+        "{:>12} {} into {}",
+        "training",
+        scene.name,
+        run.folder().display()
+    );
+    let trained = train(&run)?;
+    println!(
+        "\n{}",
+        table(
+            &trained.results,
+            &trained.stage1,
+            trained.diagonal,
+            &scene.unit
+        )
+    );
+    let folder = run.folder().display();
+    println!(
+        "trained in {:.0} s ({} steps dropped)",
+        trained.seconds, trained.dropped
+    );
+    println!(
+        "pictures  {folder}/evaluation/sheet-1.png and on, {folder}/loss-1.png, {folder}/loss-2.png"
+    );
+    println!("meshes    {folder}/evaluation/shapes.glb (every simulated shape as a morph target)");
+    println!(
+        "try       cargo xtask eval {folder} --weights \"{}\"",
+        example_weights(&trained.results)
+    );
+    Ok(())
+}
+
+fn example_weights(results: &[trainer::evaluate::ShapeResult]) -> String {
+    let names = results.iter().take(2).map(|r| format!("{}=0.5", r.name));
+    names.collect::<Vec<_>>().join(",")
+}
+
+fn run_eval(args: EvalArgs) -> trainer::Result<()> {
+    let run = Run::open(&args.run)?;
+    let scene = run.scene()?;
+    let blends = args.weights.iter().map(|w| parse_weights(w));
+    let request = EvaluationRequest {
+        shapes: args.shapes,
+        blends: blends.collect::<trainer::Result<_>>()?,
+        element_size: args.element_size,
+        out: args.out,
+    };
+    let (results, folder) = evaluate(&run, &request)?;
+    let diagonal = run.inputs()?.surface.diagonal();
+    println!("\n{}", table(&results, &[], diagonal, &scene.unit));
+    println!("written to {}", folder.display());
+    Ok(())
+}
+
+fn run_solve(args: SolveArgs) -> trainer::Result<bool> {
+    let body = match (args.cells, args.size, args.surface, args.element_size) {
+        (Some(cells), Some(size), _, _) => BodySource::Cells {
+            cells: [cells[0], cells[1], cells[2]],
+            size,
+        },
+        (_, _, Some(path), Some(element_size)) => BodySource::Surface { path, element_size },
+        _ => unreachable!("clap requires one of the two pairs"),
+    };
+    let stop = match (args.accuracy, args.rel_grad) {
+        (Some(length), _) => Some(Stop::Accuracy(length)),
+        (_, Some(t)) => Some(Stop::RelativeGradient(t)),
+        _ => None,
+    };
+    let request = SolveRequest {
+        body,
+        samples: args.samples,
+        fix: args.fix,
+        actuation: args.actuation,
+        stop,
+        method: args.method,
+        max_iterations: args.max_iterations,
+        stiffness: args.stiffness,
+        cotangent: args.cotangent,
+        out: args.out,
+    };
+    Ok(solve(&request)?.converged)
+}

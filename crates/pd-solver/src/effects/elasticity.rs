@@ -118,6 +118,20 @@ fn deformation_gradient(x: &Corners, g: &Corners) -> Matrix3<f64> {
     f
 }
 
+/// The deformation gradient at every sample, `[elements * samples]`, for positions of all nodes.
+///
+/// # Panics
+/// When `positions` has not one entry per node.
+pub fn deformation_gradients(mesh: &HexMesh, positions: &[Vector3<f64>]) -> Vec<Matrix3<f64>> {
+    assert_eq!(positions.len(), mesh.nodes().len(), "one position per node");
+    let gradients = mesh.quadrature().gradients(mesh.element_size());
+    let of_element = |nodes: &[u32; 8]| {
+        let x = nodes.map(|node| positions[node as usize]);
+        gradients.iter().map(move |g| deformation_gradient(&x, g)).collect::<Vec<_>>()
+    };
+    mesh.elements().iter().flat_map(of_element).collect()
+}
+
 /// Adds `w P g_n` to the force of every corner: the transpose of [`deformation_gradient`].
 fn scatter(p: &Matrix3<f64>, w: f64, g: &Corners, force: &mut Corners) {
     let p = p * w;

@@ -10,6 +10,7 @@ use crate::error::SolverError;
 use crate::spec::{EffectSpec, Parameters};
 use crate::vector::NodalVector;
 use elasticity::Elasticity;
+pub use elasticity::deformation_gradients;
 use gravity::Gravity;
 use hex_mesh::HexMesh;
 use nalgebra::Vector3;

@@ -1,0 +1,284 @@
+//! A body ready to be simulated: surface, voxels, embedding, and the shapes it is to learn.
+
+use crate::error::{Result, TrainerError};
+use crate::scene::{Scene, SurfaceSource};
+use face_rig::{BlendBasis, Bounds};
+use hex_mesh::{Embedding, HexMesh, Quadrature, VoxelOptions, VoxelReport, embed, voxelise};
+use nalgebra::Vector3;
+use pd_solver::deformation_gradients;
+use std::path::Path;
+use surface_mesh::{MorphTarget, MorphedSurface, Surface, read_surface};
+
+/// What a shape is for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum ShapeSet {
+    /// Trained on.
+    Train,
+    /// Kept from training, to see how the network generalises.
+    HeldOut,
+    /// A blend of shapes by weights.
+    Blend,
+}
+
+impl ShapeSet {
+    /// As tables write it.
+    pub fn label(self) -> &'static str {
+        match self {
+            Self::Train => "train",
+            Self::HeldOut => "held out",
+            Self::Blend => "blend",
+        }
+    }
+}
+
+/// A target shape over the vertices of the neutral surface.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Shape {
+    /// Its name.
+    pub name: String,
+    /// What it is for.
+    pub set: ShapeSet,
+    /// Vertex positions.
+    pub positions: Vec<Vector3<f64>>,
+}
+
+/// The neutral surface and all target shapes of a scene, read or generated.
+///
+/// # Errors
+/// When a file cannot be read, has no targets, or does not match the surface.
+pub fn load_shapes(scene: &Scene, data: &Path) -> Result<MorphedSurface> {
+    match &scene.surface {
+        SurfaceSource::Starfish(shape) => {
+            let surface = scene_shapes::starfish(shape)?;
+            let mut targets = Vec::new();
+            for pose in &scene.poses {
+                pose.pose().check(shape)?;
+                let moved = scene_shapes::pose(shape, &pose.pose(), surface.vertices());
+                let deltas = difference(&moved, surface.vertices());
+                let name = pose.name.clone();
+                targets.push(MorphTarget { name, deltas });
+            }
+            Ok(MorphedSurface::new(surface, targets)?)
+        }
+        SurfaceSource::File(file) => {
+            let neutral = read_surface(data.join(file))?;
+            let path = data.join(scene.shapes.file.as_ref().unwrap_or(file));
+            let targets = match &scene.shapes.file {
+                Some(_) => read_matching(&path, &neutral.surface)?,
+                None => neutral.targets,
+            };
+            if targets.is_empty() {
+                return Err(TrainerError::NoTargets { path });
+            }
+            Ok(MorphedSurface::new(neutral.surface, targets)?)
+        }
+    }
+}
+
+/// Morph targets of a file, as displacements from the vertices of `surface`, which the file's own neutral must have as well.
+///
+/// # Errors
+/// When the file cannot be read, has another number of vertices or no morph target.
+pub fn read_matching(path: &Path, surface: &Surface) -> Result<Vec<MorphTarget>> {
+    let file = read_surface(path)?;
+    let (found, expected) = (file.surface.vertex_count(), surface.vertex_count());
+    if found != expected {
+        return Err(TrainerError::VertexCount {
+            path: path.to_path_buf(),
+            found,
+            expected,
+        });
+    }
+    if file.targets.is_empty() {
+        let path = path.to_path_buf();
+        return Err(TrainerError::NoTargets { path });
+    }
+    let targets = (0..file.targets.len()).map(|i| MorphTarget {
+        name: file.targets[i].name.clone(),
+        deltas: difference(&file.shape(i), surface.vertices()),
+    });
+    Ok(targets.collect())
+}
+
+/// `a - b`, vertex by vertex.
+pub fn difference(a: &[Vector3<f64>], b: &[Vector3<f64>]) -> Vec<Vector3<f64>> {
+    a.iter().zip(b).map(|(a, b)| a - b).collect()
+}
+
+/// A surface with its voxels.
+pub struct Body {
+    /// The neutral surface.
+    pub surface: Surface,
+    /// The voxels.
+    pub mesh: HexMesh,
+    /// What the voxeliser said.
+    pub report: VoxelReport,
+    /// Where the surface's vertices are in the voxels.
+    pub embedding: Embedding,
+    /// Sample points for the network, `[elements * samples, 3]`, in [-1, 1] over the surface's bounding box.
+    pub points: Vec<f32>,
+    /// Length of the diagonal of the surface's bounding box.
+    pub diagonal: f64,
+    /// Share of the surface's area around each vertex; the shares sum to 1.
+    pub vertex_weights: Vec<f64>,
+}
+
+impl Body {
+    /// Voxelises a surface.
+    ///
+    /// # Errors
+    /// When the surface is open or the element size does not fit it.
+    pub fn new(name: &str, surface: Surface, element_size: f64, samples: usize) -> Result<Self> {
+        let mesh_error = |source| TrainerError::Mesh {
+            name: name.to_string(),
+            source,
+        };
+        surface_mesh::report(&surface).require_closed(name)?;
+        let options = VoxelOptions {
+            quadrature: Quadrature::from_count(samples).map_err(mesh_error)?,
+            ..VoxelOptions::new(element_size)
+        };
+        let voxelised = voxelise(&surface, &options).map_err(mesh_error)?;
+        let mesh = voxelised.mesh;
+        let embedding = embed(&mesh, surface.vertices()).map_err(mesh_error)?;
+        let areas = surface.vertex_areas();
+        let total: f64 = areas.iter().sum();
+        Ok(Self {
+            points: normalised_points(&surface, &mesh.sample_positions()),
+            diagonal: surface.diagonal(),
+            vertex_weights: areas.iter().map(|a| a / total).collect(),
+            report: voxelised.report,
+            surface,
+            mesh,
+            embedding,
+        })
+    }
+
+    /// Positions of the surface's vertices for positions of the nodes.
+    pub fn surface_positions(&self, nodes: &[Vector3<f64>]) -> Vec<Vector3<f64>> {
+        self.embedding.positions(nodes, &self.mesh)
+    }
+
+    /// Elements with at least one sample turned inside out.
+    pub fn inverted_elements(&self, nodes: &[Vector3<f64>]) -> usize {
+        let gradients = deformation_gradients(&self.mesh, nodes);
+        let samples = self.mesh.quadrature().len();
+        let inverted = |f: &nalgebra::Matrix3<f64>| f.determinant() <= 0.0;
+        let elements = gradients.chunks(samples);
+        elements.filter(|e| e.iter().any(inverted)).count()
+    }
+}
+
+/// Maps points so that the surface's bounding box is centred at 0 and its longest side spans [-1, 1]: the network sees the same
+/// body whatever its unit, and the same point whatever the grid.
+fn normalised_points(surface: &Surface, points: &[Vector3<f64>]) -> Vec<f32> {
+    let (min, max) = surface.bounding_box();
+    let centre = (min + max) / 2.0;
+    let scale = 2.0 / (max - min).max();
+    let normalised = points.iter().map(|p| (p - centre) * scale);
+    normalised
+        .flat_map(|p| [p.x as f32, p.y as f32, p.z as f32])
+        .collect()
+}
+
+/// Shapes, their split, and the basis whose weights describe any shape to the network.
+pub struct Shapes {
+    /// All target shapes, in file order.
+    pub all: Vec<Shape>,
+    basis: BlendBasis,
+    neutral: Vec<Vector3<f64>>,
+}
+
+impl Shapes {
+    /// Splits the targets of a scene and forms the basis.
+    ///
+    /// # Errors
+    /// When the scene names a shape that does not exist, or the basis cannot be formed.
+    pub fn new(scene: &Scene, inputs: &MorphedSurface, vertex_weights: &[f64]) -> Result<Self> {
+        let named = |place: &str, name: &String| {
+            inputs
+                .target_index(name)
+                .ok_or_else(|| unknown_shape(place, name, inputs))
+        };
+        let mut held_out = vec![false; inputs.targets.len()];
+        for name in &scene.shapes.held_out {
+            held_out[named("`shapes.held_out`", name)?] = true;
+        }
+        let basis: Vec<usize> = match &scene.shapes.basis {
+            Some(names) => {
+                let indices = names.iter().map(|name| named("`shapes.basis`", name));
+                indices.collect::<Result<_>>()?
+            }
+            None => (0..held_out.len()).filter(|&i| !held_out[i]).collect(),
+        };
+        let deltas = basis.iter().map(|&i| inputs.targets[i].deltas.clone());
+        let basis = BlendBasis::weighted(deltas.collect(), vertex_weights)?;
+        let all = (inputs.targets.iter().zip(held_out).enumerate())
+            .map(|(i, (target, held_out))| Shape {
+                name: target.name.clone(),
+                set: if held_out {
+                    ShapeSet::HeldOut
+                } else {
+                    ShapeSet::Train
+                },
+                positions: inputs.shape(i),
+            })
+            .collect();
+        Ok(Self {
+            all,
+            basis,
+            neutral: inputs.surface.vertices().to_vec(),
+        })
+    }
+
+    /// The shapes to train on.
+    pub fn training(&self) -> Vec<&Shape> {
+        let training = self.all.iter().filter(|s| s.set == ShapeSet::Train);
+        training.collect()
+    }
+
+    /// Number of weights that describe a shape.
+    pub fn descriptor_size(&self) -> usize {
+        self.basis.shape_count()
+    }
+
+    /// The weights in [0, 1] over the basis that come nearest to a shape.
+    ///
+    /// # Errors
+    /// When the positions do not match the basis.
+    pub fn descriptor(&self, positions: &[Vector3<f64>]) -> Result<Vec<f32>> {
+        let bounds = Bounds::uniform(self.basis.shape_count(), 0.0, 1.0);
+        let fit = self
+            .basis
+            .fit(&difference(positions, &self.neutral), &bounds, 1e-6)?;
+        Ok(fit.weights.iter().map(|&w| w as f32).collect())
+    }
+
+    /// Neutral plus the weighted displacements of named shapes.
+    ///
+    /// # Errors
+    /// When a name does not exist.
+    pub fn blend(&self, weights: &[(String, f64)], inputs: &MorphedSurface) -> Result<Shape> {
+        let mut all = vec![0.0; inputs.targets.len()];
+        for (name, weight) in weights {
+            let index = inputs.target_index(name);
+            all[index.ok_or_else(|| unknown_shape("`--weights`", name, inputs))?] += weight;
+        }
+        let label = weights.iter().map(|(name, w)| format!("{w} {name}"));
+        Ok(Shape {
+            name: label.collect::<Vec<_>>().join(" + "),
+            set: ShapeSet::Blend,
+            positions: inputs.blend(&all),
+        })
+    }
+}
+
+fn unknown_shape(place: &str, name: &str, inputs: &MorphedSurface) -> TrainerError {
+    let known = inputs.targets.iter().map(|t| t.name.as_str());
+    TrainerError::UnknownShape {
+        place: place.to_string(),
+        name: name.to_string(),
+        known: known.collect::<Vec<_>>().join(", "),
+    }
+}

@@ -1,0 +1,143 @@
+//! The state of training in one file, written whole: whatever kills the process, the run goes on from the last one, bit for bit.
+
+use crate::error::{Result, TrainerError};
+use crate::run::Run;
+use actuation_net::{ActuationNet, AdamState, NetworkConfig, TensorFile};
+use nalgebra::Vector3;
+use serde::{Deserialize, Serialize};
+
+/// Where training stands.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Stage {
+    /// Fitting the actuation of pulled shapes.
+    One,
+    /// Through the simulator.
+    Two,
+    /// Finished.
+    Done,
+}
+
+/// Errors of one shape after stage 1, kept to be shown beside those after stage 2.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct StageError {
+    /// Name of the shape.
+    pub name: String,
+    /// Mean distance of the surface's vertices from the target.
+    pub mean: f64,
+    /// Largest distance.
+    pub max: f64,
+}
+
+/// Everything that the next step depends on.
+pub struct Checkpoint {
+    /// The stage.
+    pub stage: Stage,
+    /// Steps done in this stage.
+    pub step: u64,
+    /// Steps dropped in this stage because they failed.
+    pub dropped: u64,
+    /// Bytes of the metrics file at this state.
+    pub metrics_length: u64,
+    /// Seconds of training so far.
+    pub seconds: f64,
+    /// Errors after stage 1, once it is done.
+    pub stage1_errors: Vec<StageError>,
+    /// The network.
+    pub net: ActuationNet,
+    /// The optimiser.
+    pub adam: AdamState,
+    /// Node positions of every training shape at its last visit.
+    pub warm: Vec<Vec<Vector3<f64>>>,
+}
+
+#[derive(Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Header {
+    stage: Stage,
+    step: u64,
+    dropped: u64,
+    metrics_length: u64,
+    seconds: f64,
+    stage1_errors: Vec<StageError>,
+    shapes: usize,
+    nodes: usize,
+}
+
+const HEADER: &str = "training";
+
+impl Checkpoint {
+    /// Writes the checkpoint of a run.
+    ///
+    /// # Errors
+    /// When the file cannot be written; the older one then stays.
+    pub fn write(&self, run: &Run) -> Result<()> {
+        let mut file = TensorFile::new();
+        let nodes = self.warm.first().map_or(0, Vec::len);
+        let header = Header {
+            stage: self.stage,
+            step: self.step,
+            dropped: self.dropped,
+            metrics_length: self.metrics_length,
+            seconds: self.seconds,
+            stage1_errors: self.stage1_errors.clone(),
+            shapes: self.warm.len(),
+            nodes,
+        };
+        let header = serde_json::to_string(&header).expect("plain data serialises");
+        file.insert_metadata(HEADER, header);
+        self.net.insert_into(&mut file, "network.");
+        self.adam.insert_into(&mut file, "adam.");
+        // As bit patterns: positions must come back exactly.
+        let bits: Vec<u64> = (self.warm.iter().flatten())
+            .flat_map(|x| [x.x.to_bits(), x.y.to_bits(), x.z.to_bits()])
+            .collect();
+        file.insert_u64("warm_starts", &[self.warm.len(), nodes, 3], &bits);
+        Ok(file.write(run.checkpoint_path())?)
+    }
+
+    /// Reads the checkpoint of a run, which must fit the network of its scene.
+    ///
+    /// # Errors
+    /// When the file is missing, damaged, or of another network.
+    pub fn read(run: &Run, config: &NetworkConfig) -> Result<Self> {
+        let path = run.checkpoint_path();
+        let file = TensorFile::read(&path)?;
+        let header = file.metadata(HEADER)?;
+        let header: Header =
+            serde_json::from_str(header).map_err(|e| TrainerError::Checkpoint {
+                path: path.clone(),
+                problem: format!(
+                    "its header cannot be read ({e}); it is of another version or damaged"
+                ),
+            })?;
+        let net = ActuationNet::from_file_with(&file, "network.", config)?;
+        let adam = AdamState::from_file(&file, "adam.", net.parameter_count())?;
+        let bits = file.u64_tensor("warm_starts", &[header.shapes, header.nodes, 3])?;
+        let positions: Vec<Vector3<f64>> = bits
+            .chunks_exact(3)
+            .map(|b| {
+                Vector3::new(
+                    f64::from_bits(b[0]),
+                    f64::from_bits(b[1]),
+                    f64::from_bits(b[2]),
+                )
+            })
+            .collect();
+        let warm = match header.nodes {
+            0 => vec![Vec::new(); header.shapes],
+            nodes => positions.chunks_exact(nodes).map(<[_]>::to_vec).collect(),
+        };
+        Ok(Self {
+            stage: header.stage,
+            step: header.step,
+            dropped: header.dropped,
+            metrics_length: header.metrics_length,
+            seconds: header.seconds,
+            stage1_errors: header.stage1_errors,
+            net,
+            adam,
+            warm,
+        })
+    }
+}

@@ -1,0 +1,186 @@
+//! What can go wrong between a scene file and a trained body.
+
+use std::path::{Path, PathBuf};
+use thiserror::Error;
+
+/// Everything that the trainer refuses, with the file, the place and the mend.
+#[derive(Debug, Error)]
+#[non_exhaustive]
+pub enum TrainerError {
+    /// A file that cannot be read or written.
+    #[error("cannot {action} {}: {source}", path.display())]
+    File {
+        /// `read`, `write`, `create` and the like.
+        action: &'static str,
+        /// The file or folder.
+        path: PathBuf,
+        /// What the system said.
+        source: std::io::Error,
+    },
+    /// A scene file that does not parse, or has a key that is not known.
+    #[error("{}:{line}: {message}", path.display())]
+    SceneSyntax {
+        /// The scene file.
+        path: PathBuf,
+        /// Line, from 1.
+        line: usize,
+        /// What is wrong there, with a suggestion where there is one.
+        message: String,
+    },
+    /// A scene value that makes no sense.
+    #[error("{}: `{key}` is {value}: {mend}", path.display())]
+    SceneValue {
+        /// The scene file.
+        path: PathBuf,
+        /// The key, with its table.
+        key: &'static str,
+        /// What it holds.
+        value: String,
+        /// What it may hold.
+        mend: &'static str,
+    },
+    /// A shape that a scene, a weight list or a command names does not exist.
+    #[error(
+        "{place} names the shape `{name}`, which does not exist; there are: {known}{}",
+        suggestion(name, known)
+    )]
+    UnknownShape {
+        /// Where the name stands.
+        place: String,
+        /// The name.
+        name: String,
+        /// The names there are.
+        known: String,
+    },
+    /// A surface file without morph targets where target shapes are needed.
+    #[error("{} has no morph targets: give a glTF file whose mesh has the target shapes as morph targets", path.display())]
+    NoTargets {
+        /// The file.
+        path: PathBuf,
+    },
+    /// Two files that should hold the same surface differ in their number of vertices.
+    #[error(
+        "{} has {found} vertices, but the body's surface has {expected}: both need the same vertices in the same order",
+        path.display()
+    )]
+    VertexCount {
+        /// The file of target shapes.
+        path: PathBuf,
+        /// Its vertices.
+        found: usize,
+        /// Vertices of the neutral surface.
+        expected: usize,
+    },
+    /// A list of blend weights that does not parse.
+    #[error("`{text}` is not a list of weights: write name=weight,name=weight with finite weights")]
+    WeightList {
+        /// What was given.
+        text: String,
+    },
+    /// A selection of nodes or cells on the command line that does not parse.
+    #[error("`{option} {text}` cannot be read: {mend}")]
+    Option {
+        /// The option.
+        option: &'static str,
+        /// What was given.
+        text: String,
+        /// What may be given.
+        mend: &'static str,
+    },
+    /// An array file that is not what is asked for.
+    #[error("{}: {problem}; expected {expected}", path.display())]
+    Array {
+        /// The npy file.
+        path: PathBuf,
+        /// What is wrong with it.
+        problem: String,
+        /// Type and shape that fit.
+        expected: String,
+    },
+    /// A run folder that cannot be used as asked.
+    #[error("{}: {problem}", path.display())]
+    Run {
+        /// The folder.
+        path: PathBuf,
+        /// What is wrong and how to mend it.
+        problem: String,
+    },
+    /// A checkpoint that does not belong to the run.
+    #[error("{}: {problem}", path.display())]
+    Checkpoint {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong and how to mend it.
+        problem: String,
+    },
+    /// Training steps failed again and again.
+    #[error("{count} training steps in a row failed ({reason}); the last good state is in {}", checkpoint.display())]
+    Diverged {
+        /// Failed steps in a row.
+        count: usize,
+        /// Why the last one failed.
+        reason: String,
+        /// The last good checkpoint.
+        checkpoint: PathBuf,
+    },
+    /// Stopped by the user; everything is saved.
+    #[error("stopped; go on with --resume --out {}", run.display())]
+    Interrupted {
+        /// The run folder.
+        run: PathBuf,
+    },
+    /// A surface that cannot be read or written.
+    #[error(transparent)]
+    Surface(#[from] surface_mesh::SurfaceError),
+    /// A body that cannot be meshed, with the surface's name.
+    #[error("{name}: {source}")]
+    Mesh {
+        /// The surface file or shape.
+        name: String,
+        /// Why.
+        source: hex_mesh::HexMeshError,
+    },
+    /// A problem that the solver refuses.
+    #[error(transparent)]
+    Solver(#[from] pd_solver::SolverError),
+    /// A network that cannot be built, loaded or stepped.
+    #[error(transparent)]
+    Network(#[from] actuation_net::Error),
+    /// Blend weights that cannot be fitted.
+    #[error(transparent)]
+    Rig(#[from] face_rig::RigError),
+    /// A generated shape with impossible measures.
+    #[error(transparent)]
+    Shape(#[from] scene_shapes::ShapeError),
+    /// A picture that cannot be drawn or written.
+    #[error(transparent)]
+    Report(#[from] report::ReportError),
+}
+
+/// What all functions of this crate return.
+pub type Result<T> = std::result::Result<T, TrainerError>;
+
+/// Turns an I/O error into one that names the file.
+pub(crate) fn file_error(
+    action: &'static str,
+    path: &Path,
+) -> impl FnOnce(std::io::Error) -> TrainerError {
+    let path = path.to_path_buf();
+    move |source| TrainerError::File {
+        action,
+        path,
+        source,
+    }
+}
+
+/// ` (did you mean `x`?)` for the known name nearest to `name`, or nothing.
+pub(crate) fn suggestion(name: &str, known: &str) -> String {
+    let names = known.split(", ").map(|k| k.trim_matches('`'));
+    let nearest = names
+        .map(|k| (strsim::jaro_winkler(name, k), k))
+        .max_by(|a, b| a.0.total_cmp(&b.0));
+    match nearest {
+        Some((score, k)) if score > 0.7 => format!(" (did you mean `{k}`?)"),
+        _ => String::new(),
+    }
+}

@@ -1,0 +1,297 @@
+//! Evaluation of a trained network: simulate shapes, measure them, draw them.
+
+use crate::body::{Body, Shape, ShapeSet, Shapes, difference, read_matching};
+use crate::error::{Result, TrainerError};
+use crate::files::{create_folder, write_json};
+use crate::loss::distances;
+use crate::progress::{Phase, stop_requested};
+use crate::run::Run;
+use crate::scene::Scene;
+use crate::stage2::set_actuation;
+use actuation_net::ActuationNet;
+use nalgebra::Vector3;
+use pd_solver::{SolveOptions, Solver, Status, Stop};
+use serde::Serialize;
+use std::path::{Path, PathBuf};
+use surface_mesh::{MorphTarget, MorphedSurface, write_glb};
+
+/// One simulated shape and how far it is from its target.
+#[derive(Debug, Clone, Serialize)]
+pub struct ShapeResult {
+    /// Name of the shape.
+    pub name: String,
+    /// What it is for.
+    pub set: ShapeSet,
+    /// Mean distance of the surface's vertices from the target. A blend's target is the linear blend of its shapes.
+    pub mean_error: f64,
+    /// Largest distance.
+    pub max_error: f64,
+    /// Mean distance in percent of the bounding-box diagonal.
+    pub mean_error_percent: f64,
+    /// Largest distance in percent of the bounding-box diagonal.
+    pub max_error_percent: f64,
+    /// Energy of the equilibrium.
+    pub energy: f64,
+    /// Steps of the solver.
+    pub iterations: usize,
+    /// How the solver ended.
+    pub status: Status,
+    /// Seconds for network, equilibrium and surface.
+    pub seconds: f64,
+    /// Elements with at least one sample turned inside out.
+    pub inverted_elements: usize,
+    /// Weights that describe the shape to the network.
+    pub descriptor: Vec<f32>,
+    /// Positions of the surface's vertices.
+    #[serde(skip)]
+    pub surface: Vec<Vector3<f64>>,
+    /// Positions of the nodes.
+    #[serde(skip)]
+    pub nodes: Vec<Vector3<f64>>,
+}
+
+/// What `metrics.json` holds.
+#[derive(Debug, Serialize)]
+pub struct Metrics<'a> {
+    /// Name of the scene.
+    pub scene: &'a str,
+    /// Length of the diagonal of the neutral surface's bounding box.
+    pub bbox_diagonal: f64,
+    /// The length unit.
+    pub unit: &'a str,
+    /// Edge length of an element.
+    pub element_size: f64,
+    /// Elements of the body.
+    pub elements: usize,
+    /// One entry per shape.
+    pub shapes: &'a [ShapeResult],
+}
+
+/// Simulates shapes one after another.
+pub struct Evaluator<'a> {
+    body: &'a Body,
+    scene: &'a Scene,
+    solver: Solver,
+}
+
+impl<'a> Evaluator<'a> {
+    /// Builds the solver of the scene on a body.
+    ///
+    /// # Errors
+    /// When the effects do not fit the body.
+    pub fn new(body: &'a Body, scene: &'a Scene) -> Result<Self> {
+        let solver = Solver::new(&body.mesh, &scene.effects)?;
+        Ok(Self {
+            body,
+            scene,
+            solver,
+        })
+    }
+
+    /// Simulates one shape from its descriptor, from rest or from node positions given.
+    ///
+    /// # Errors
+    /// When the network's answer is not finite or something does not fit.
+    pub fn shape(
+        &mut self,
+        net: &ActuationNet,
+        shape: &Shape,
+        descriptor: Vec<f32>,
+        start: Option<&[Vector3<f64>]>,
+    ) -> Result<ShapeResult> {
+        let clock = std::time::Instant::now();
+        let output = net.evaluate(&descriptor, &self.body.points)?;
+        let mut parameters = self.solver.rest_parameters();
+        set_actuation(&mut parameters, &output.actuation);
+        let accuracy = self.scene.evaluation.accuracy * self.body.diagonal;
+        let options =
+            SolveOptions::new(Stop::Accuracy(accuracy)).with_method(self.scene.evaluation.method);
+        let solution = self.solver.solve(&parameters, start, &options)?;
+        let surface = self.body.surface_positions(&solution.positions);
+        let seconds = clock.elapsed().as_secs_f64();
+        let (mean_error, max_error, _) = distances(&surface, &shape.positions);
+        let percent = 100.0 / self.body.diagonal;
+        Ok(ShapeResult {
+            name: shape.name.clone(),
+            set: shape.set,
+            mean_error,
+            max_error,
+            mean_error_percent: mean_error * percent,
+            max_error_percent: max_error * percent,
+            energy: solution.stats.energy,
+            iterations: solution.stats.iterations,
+            status: solution.status,
+            seconds,
+            inverted_elements: self.body.inverted_elements(&solution.positions),
+            descriptor,
+            surface,
+            nodes: solution.positions,
+        })
+    }
+}
+
+/// What to evaluate.
+#[derive(Debug, Default)]
+pub struct EvaluationRequest {
+    /// Held-out shapes in a glTF file over the same vertices.
+    pub shapes: Option<PathBuf>,
+    /// Blends of shapes by name and weight.
+    pub blends: Vec<Vec<(String, f64)>>,
+    /// Another element size than that of training.
+    pub element_size: Option<f64>,
+    /// Where to write; the run's own folder otherwise.
+    pub out: Option<PathBuf>,
+}
+
+/// Evaluates a trained run and writes `metrics.json`, `shapes.glb` and the sheets. Returns the results and the folder.
+///
+/// # Errors
+/// When the run is not finished or damaged, a file does not fit, or the output cannot be written.
+pub fn evaluate(run: &Run, request: &EvaluationRequest) -> Result<(Vec<ShapeResult>, PathBuf)> {
+    let scene = run.scene()?;
+    let inputs = run.inputs()?;
+    let element_size = request.element_size.unwrap_or(scene.mesh.element_size);
+    let surface = inputs.surface.clone();
+    let body = Body::new(&scene.name, surface, element_size, scene.mesh.samples)?;
+    let shapes = Shapes::new(&scene, &inputs, &body.vertex_weights)?;
+    let config = crate::train::network_config(&scene, &shapes);
+    if !run.model_path().exists() {
+        return Err(TrainerError::Run {
+            path: run.folder().to_path_buf(),
+            problem:
+                "has no trained network yet (no model.safetensors): finish training with --resume"
+                    .into(),
+        });
+    }
+    let net = ActuationNet::load_with(run.model_path(), &config)?;
+    let mut wanted: Vec<Shape> = shapes.all.clone();
+    if let Some(path) = &request.shapes {
+        wanted.extend(held_out(path, &inputs)?);
+    }
+    for weights in &request.blends {
+        wanted.push(shapes.blend(weights, &inputs)?);
+    }
+    let folder = create_folder(&request.out.clone().unwrap_or(run.evaluation_folder()))?;
+    let results = simulate(&scene, &body, &shapes, &net, &wanted)?;
+    write(&folder, &scene, &body, &results, &wanted)?;
+    Ok((results, folder))
+}
+
+fn held_out(path: &Path, inputs: &MorphedSurface) -> Result<Vec<Shape>> {
+    let rest = inputs.surface.vertices();
+    let targets = read_matching(path, &inputs.surface)?;
+    let shapes = targets.into_iter().map(|target| Shape {
+        name: target.name,
+        set: ShapeSet::HeldOut,
+        positions: rest
+            .iter()
+            .zip(&target.deltas)
+            .map(|(x, d)| x + d)
+            .collect(),
+    });
+    Ok(shapes.collect())
+}
+
+/// Simulates all shapes from rest.
+///
+/// # Errors
+/// As [`Evaluator::shape`]; and when the user stops.
+pub fn simulate(
+    scene: &Scene,
+    body: &Body,
+    shapes: &Shapes,
+    net: &ActuationNet,
+    wanted: &[Shape],
+) -> Result<Vec<ShapeResult>> {
+    let mut evaluator = Evaluator::new(body, scene)?;
+    let mut phase = Phase::new("evaluation", wanted.len() as u64, 0);
+    let mut results = Vec::with_capacity(wanted.len());
+    for shape in wanted {
+        if stop_requested() {
+            return Err(TrainerError::Interrupted {
+                run: PathBuf::from("RUN"),
+            });
+        }
+        let descriptor = shapes.descriptor(&shape.positions)?;
+        let result = evaluator.shape(net, shape, descriptor, None)?;
+        phase.step(|| format!("{} {:.3} %", result.name, result.mean_error_percent));
+        results.push(result);
+    }
+    phase.finish(&format!("{} shapes simulated", results.len()));
+    Ok(results)
+}
+
+/// Writes everything an evaluation shows.
+///
+/// # Errors
+/// When a file cannot be written.
+pub fn write(
+    folder: &Path,
+    scene: &Scene,
+    body: &Body,
+    results: &[ShapeResult],
+    wanted: &[Shape],
+) -> Result<()> {
+    let metrics = Metrics {
+        scene: &scene.name,
+        bbox_diagonal: body.diagonal,
+        unit: &scene.unit,
+        element_size: body.mesh.element_size(),
+        elements: body.mesh.elements().len(),
+        shapes: results,
+    };
+    let rest = body.surface.vertices();
+    let targets = results.iter().map(|r| MorphTarget {
+        name: r.name.clone(),
+        deltas: difference(&r.surface, rest),
+    });
+    let simulated = MorphedSurface::new(body.surface.clone(), targets.collect())?;
+    write_glb(folder.join("shapes.glb"), &simulated)?;
+    crate::sheets::write(folder, scene, body, results, wanted)?;
+    write_json(&folder.join("metrics.json"), &metrics)
+}
+
+/// Reads `a=0.5,b=0.5`.
+///
+/// # Errors
+/// When it does not parse or a weight is not finite.
+pub fn parse_weights(text: &str) -> Result<Vec<(String, f64)>> {
+    let wrong = || TrainerError::WeightList {
+        text: text.to_string(),
+    };
+    let entries = text.split(',').map(|entry| {
+        let (name, weight) = entry.split_once('=').ok_or_else(wrong)?;
+        let weight: f64 = weight.trim().parse().map_err(|_| wrong())?;
+        let name = name.trim();
+        if name.is_empty() || !weight.is_finite() {
+            return Err(wrong());
+        }
+        Ok((name.to_string(), weight))
+    });
+    entries.collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn weight_lists() {
+        let weights = parse_weights("curl=0.5, lift = 1").unwrap();
+        assert_eq!(
+            weights,
+            [("curl".to_string(), 0.5), ("lift".to_string(), 1.0)]
+        );
+        for bad in [
+            "",
+            "curl",
+            "curl=",
+            "curl=x",
+            "=1",
+            "curl=nan",
+            "curl=1,,lift=1",
+        ] {
+            assert!(parse_weights(bad).is_err(), "{bad}");
+        }
+    }
+}

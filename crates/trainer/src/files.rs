@@ -1,0 +1,63 @@
+//! Files that appear whole or not at all.
+
+use crate::error::{Result, file_error};
+use std::io::Write;
+use std::path::{Path, PathBuf};
+
+/// Writes a file beside its final place, flushes it to disk, and renames it.
+///
+/// # Errors
+/// When the folder cannot be written; an older file of that name then stays as it was.
+pub fn write_whole(path: &Path, bytes: &[u8]) -> Result<()> {
+    let folder = match path.parent() {
+        Some(parent) if !parent.as_os_str().is_empty() => parent,
+        _ => Path::new("."),
+    };
+    let write = || -> std::io::Result<()> {
+        let mut builder = tempfile::Builder::new();
+        builder.prefix(".part-");
+        #[cfg(unix)]
+        {
+            use std::os::unix::fs::PermissionsExt;
+            // The umask takes its part away when the file is created; the default of this library would hide it from others.
+            builder.permissions(std::fs::Permissions::from_mode(0o666));
+        }
+        let mut file = builder.tempfile_in(folder)?;
+        file.write_all(bytes)?;
+        file.as_file().sync_all()?;
+        file.persist(path)?;
+        Ok(())
+    };
+    write().map_err(file_error("write", path))
+}
+
+/// Writes a value as indented JSON.
+///
+/// # Errors
+/// As [`write_whole`].
+pub fn write_json(path: &Path, value: &impl serde::Serialize) -> Result<()> {
+    let mut text = serde_json::to_string_pretty(value).expect("plain data serialises");
+    text.push('\n');
+    write_whole(path, text.as_bytes())
+}
+
+/// Creates a folder and its parents, and checks that it can be written.
+///
+/// # Errors
+/// When it cannot be created or written.
+pub fn create_folder(path: &Path) -> Result<PathBuf> {
+    std::fs::create_dir_all(path).map_err(file_error("create the folder", path))?;
+    tempfile::Builder::new()
+        .prefix(".probe-")
+        .tempfile_in(path)
+        .map_err(file_error("write to the folder", path))?;
+    Ok(path.to_path_buf())
+}
+
+/// Peak memory of this process so far in MB, where the system tells (Linux).
+pub fn peak_megabytes() -> Option<f64> {
+    let status = std::fs::read_to_string("/proc/self/status").ok()?;
+    let line = status.lines().find(|l| l.starts_with("VmHWM:"))?;
+    let kilobytes: f64 = line.split_whitespace().nth(1)?.parse().ok()?;
+    Some(kilobytes / 1024.0)
+}

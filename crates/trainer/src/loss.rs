@@ -1,0 +1,125 @@
+//! The loss on the embedded surface (supplement, 10.3): positions, and normals where wanted.
+
+use crate::body::Body;
+use nalgebra::Vector3;
+use surface_mesh::{vertex_normals, vertex_normals_vjp};
+
+/// Distances are counted in hundredths of the bounding-box diagonal, so that a loss of 1 is an error that one sees.
+const UNIT: f64 = 0.01;
+
+/// A target on the surface, with the normals it needs.
+pub struct Loss<'a> {
+    body: &'a Body,
+    target: &'a [Vector3<f64>],
+    normals: Option<(f64, Vec<Vector3<f64>>)>,
+}
+
+impl<'a> Loss<'a> {
+    /// The loss against one target shape; `normal_weight` is alpha.
+    pub fn new(body: &'a Body, target: &'a [Vector3<f64>], normal_weight: f64) -> Self {
+        let normals = (normal_weight > 0.0).then(|| {
+            (
+                normal_weight,
+                vertex_normals(target, body.surface.triangles()),
+            )
+        });
+        Self {
+            body,
+            target,
+            normals,
+        }
+    }
+
+    /// Value and gradient by the surface's vertices:
+    /// `sum_v a_v (|x_v - t_v|^2 / (1 % of the diagonal)^2 + alpha |n_v - m_v|^2)` with area shares a_v.
+    pub fn surface(&self, x: &[Vector3<f64>]) -> (f64, Vec<Vector3<f64>>) {
+        let weights = &self.body.vertex_weights;
+        let scale = 1.0 / (UNIT * self.body.diagonal).powi(2);
+        let mut value = 0.0;
+        let mut gradient = Vec::with_capacity(x.len());
+        for ((x, t), a) in x.iter().zip(self.target).zip(weights) {
+            let off = x - t;
+            value += a * scale * off.norm_squared();
+            gradient.push(off * (2.0 * a * scale));
+        }
+        if let Some((alpha, targets)) = &self.normals {
+            let triangles = self.body.surface.triangles();
+            let normals = vertex_normals(x, triangles);
+            let mut normals_bar = Vec::with_capacity(x.len());
+            for ((n, m), a) in normals.iter().zip(targets).zip(weights) {
+                let off = n - m;
+                value += alpha * a * off.norm_squared();
+                normals_bar.push(off * (2.0 * alpha * a));
+            }
+            let more = vertex_normals_vjp(x, triangles, &normals_bar);
+            gradient.iter_mut().zip(more).for_each(|(g, m)| *g += m);
+        }
+        (value, gradient)
+    }
+
+    /// Value and gradient by the nodes.
+    pub fn nodes(&self, nodes: &[Vector3<f64>]) -> (f64, Vec<Vector3<f64>>) {
+        let (value, surface_bar) = self.surface(&self.body.surface_positions(nodes));
+        let mut node_bar = vec![Vector3::zeros(); nodes.len()];
+        let embedding = &self.body.embedding;
+        embedding.transpose_into(&surface_bar, &mut node_bar);
+        (value, node_bar)
+    }
+}
+
+/// Mean and largest distance between vertices.
+pub fn distances(a: &[Vector3<f64>], b: &[Vector3<f64>]) -> (f64, f64, Vec<f64>) {
+    let all: Vec<f64> = a.iter().zip(b).map(|(a, b)| (a - b).norm()).collect();
+    let mean = all.iter().sum::<f64>() / all.len() as f64;
+    let max = all.iter().copied().fold(0.0, f64::max);
+    (mean, max, all)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use surface_mesh::primitives::icosphere;
+
+    #[test]
+    fn the_gradient_is_the_slope_of_the_loss() {
+        let body = Body::new("sphere", icosphere(2, 1.0), 0.3, 1).unwrap();
+        let wave = |k: f64| {
+            move |(i, x): (usize, &Vector3<f64>)| {
+                let t = i as f64 * k;
+                x + Vector3::new(t.sin(), t.cos(), (2.0 * t).sin()) * 0.05
+            }
+        };
+        let target: Vec<_> = body
+            .surface
+            .vertices()
+            .iter()
+            .enumerate()
+            .map(wave(0.7))
+            .collect();
+        let nodes: Vec<_> = body
+            .mesh
+            .nodes()
+            .iter()
+            .enumerate()
+            .map(wave(1.3))
+            .collect();
+        for alpha in [0.0, 1.0] {
+            let loss = Loss::new(&body, &target, alpha);
+            let (_, gradient) = loss.nodes(&nodes);
+            let direction: Vec<_> = (0..nodes.len())
+                .map(|i| Vector3::new((i as f64).cos(), (i as f64 * 0.3).sin(), 0.5))
+                .collect();
+            let at = |t: f64| {
+                let moved = nodes.iter().zip(&direction).map(|(x, d)| x + d * t);
+                loss.nodes(&moved.collect::<Vec<_>>()).0
+            };
+            let h = 1e-4;
+            let slope = (8.0 * (at(h) - at(-h)) - (at(2.0 * h) - at(-2.0 * h))) / (12.0 * h);
+            let exact: f64 = gradient.iter().zip(&direction).map(|(g, d)| g.dot(d)).sum();
+            assert!(
+                (slope - exact).abs() < 1e-8 * exact.abs(),
+                "{slope} {exact}"
+            );
+        }
+    }
+}

@@ -1,0 +1,404 @@
+//! Scene files: what a body is made of, which shapes it is to learn, and how.
+
+use crate::error::{Result, TrainerError, file_error, suggestion};
+use actuation_net::Width;
+use pd_solver::{EffectSpec, Method};
+use scene_shapes::{StarfishPose, StarfishShape};
+use serde::{Deserialize, Serialize};
+use std::path::{Path, PathBuf};
+
+/// A scene as its TOML file has it. Lengths are in the unit that the surface is given in.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Scene {
+    /// Name of the scene and of its default run folder.
+    pub name: String,
+    /// Name of the length unit, for tables and pictures.
+    #[serde(default = "default_unit")]
+    pub unit: String,
+    /// Seed of everything that is drawn at random.
+    #[serde(default)]
+    pub seed: u64,
+    /// The neutral surface.
+    pub surface: SurfaceSource,
+    /// The target shapes.
+    #[serde(default)]
+    pub shapes: ShapeList,
+    /// Poses of a generated surface; each is a target shape.
+    #[serde(default, rename = "pose")]
+    pub poses: Vec<NamedPose>,
+    /// Voxels and samples.
+    pub mesh: MeshSettings,
+    /// What acts on the body; what is not listed costs nothing.
+    pub effects: Vec<EffectSpec>,
+    /// The network.
+    pub network: NetworkSettings,
+    /// The loss.
+    #[serde(default)]
+    pub loss: LossSettings,
+    /// Pretraining on the actuation of pulled shapes.
+    #[serde(default)]
+    pub stage1: Stage1,
+    /// Training through the simulator.
+    #[serde(default)]
+    pub stage2: Stage2,
+    /// How shapes are simulated when a run is evaluated.
+    #[serde(default)]
+    pub evaluation: Evaluation,
+}
+
+/// Where the neutral surface comes from: one of the two.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, rename_all = "snake_case")]
+pub enum SurfaceSource {
+    /// An OBJ, glTF or GLB file, relative to the data folder.
+    File(PathBuf),
+    /// A generated starfish.
+    Starfish(StarfishShape),
+}
+
+/// Which shapes there are and what they are for.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ShapeList {
+    /// A glTF or GLB file with target shapes as morph targets over the vertices of the surface, relative to the data folder.
+    /// The surface's own file is used where this is not given.
+    pub file: Option<PathBuf>,
+    /// Names of the shapes that are held out of training.
+    #[serde(default)]
+    pub held_out: Vec<String>,
+    /// Names of the shapes whose weights describe any shape to the network; all training shapes where not given.
+    pub basis: Option<Vec<String>>,
+}
+
+/// A named pose of a generated surface.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct NamedPose {
+    /// Name of the shape.
+    pub name: String,
+    /// The pose, one entry per arm.
+    pub arms: Vec<scene_shapes::ArmPose>,
+}
+
+impl NamedPose {
+    /// The pose without its name.
+    pub fn pose(&self) -> StarfishPose {
+        StarfishPose {
+            arms: self.arms.clone(),
+        }
+    }
+}
+
+/// Voxels and samples.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct MeshSettings {
+    /// Edge length of an element.
+    pub element_size: f64,
+    /// Samples per element: 1, 8 or 27.
+    #[serde(default = "default_samples")]
+    pub samples: usize,
+}
+
+/// The network.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct NetworkSettings {
+    /// Features of the sine layers: 64, 128 or 256.
+    pub width: Width,
+    /// Size of the latent code.
+    #[serde(default = "default_latent")]
+    pub latent: usize,
+    /// Frequency of the sine layers.
+    #[serde(default = "default_omega")]
+    pub omega: f32,
+}
+
+/// The loss: mean over the surface of squared distance plus `normal_weight` times squared difference of unit normals.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct LossSettings {
+    /// alpha of the paper: 0 for bodies, 1 for faces.
+    #[serde(default)]
+    pub normal_weight: f64,
+}
+
+/// Stage 1: pull the passive body onto every target with springs, then fit the network to the stretch found.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Stage1 {
+    /// Stiffness of the springs per surface area, in units of elasticity per element size: large follows the target closely,
+    /// small keeps the actuation smooth.
+    pub spring_stiffness: f64,
+    /// Passes over all shapes.
+    pub epochs: usize,
+    /// Shapes per step.
+    pub batch: usize,
+    /// Sample points drawn per shape and step.
+    pub points: usize,
+    /// Blends of training shapes that are pulled and learned too, so that codes in between mean what a blendshape rig means.
+    pub blends: usize,
+    /// First learning rate; it decays to 0.
+    pub learning_rate: f64,
+}
+
+impl Default for Stage1 {
+    fn default() -> Self {
+        Self {
+            spring_stiffness: 20.0,
+            epochs: 300,
+            batch: 4,
+            points: 1024,
+            blends: 0,
+            learning_rate: 1e-3,
+        }
+    }
+}
+
+/// Stage 2: train through the simulator.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Stage2 {
+    /// Passes over all training shapes.
+    pub epochs: usize,
+    /// First learning rate; it decays to 0.
+    pub learning_rate: f64,
+    /// Accuracy of the equilibria, as a share of the bounding-box diagonal.
+    pub accuracy: f64,
+    /// Relative residual of the adjoint.
+    pub adjoint_tolerance: f64,
+}
+
+impl Default for Stage2 {
+    fn default() -> Self {
+        Self {
+            epochs: 30,
+            learning_rate: 1e-4,
+            accuracy: 1e-4,
+            adjoint_tolerance: 1e-3,
+        }
+    }
+}
+
+/// How shapes are simulated when a run is evaluated.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Evaluation {
+    /// Accuracy of the equilibria, as a share of the bounding-box diagonal.
+    pub accuracy: f64,
+    /// Method of the solver.
+    pub method: Method,
+}
+
+impl Default for Evaluation {
+    fn default() -> Self {
+        Self {
+            accuracy: 1e-5,
+            method: Method::default(),
+        }
+    }
+}
+
+fn default_unit() -> String {
+    "units".into()
+}
+
+fn default_samples() -> usize {
+    8
+}
+
+fn default_latent() -> usize {
+    32
+}
+
+fn default_omega() -> f32 {
+    30.0
+}
+
+impl Scene {
+    /// Reads and checks a scene file. Returns its text too, to be kept with the run.
+    ///
+    /// # Errors
+    /// When the file cannot be read, does not parse, has an unknown key (a near one is suggested), or a value makes no sense.
+    pub fn read(path: &Path) -> Result<(Self, String)> {
+        let text = std::fs::read_to_string(path).map_err(file_error("read the scene", path))?;
+        Ok((Self::parse(&text, path)?, text))
+    }
+
+    /// As [`Scene::read`], from a text; `path` is named in errors.
+    ///
+    /// # Errors
+    /// As [`Scene::read`].
+    pub fn parse(text: &str, path: &Path) -> Result<Self> {
+        let scene: Self = toml::from_str(text).map_err(|error| syntax_error(text, path, &error))?;
+        scene.check(path)?;
+        Ok(scene)
+    }
+
+    fn check(&self, path: &Path) -> Result<()> {
+        let wrong = |key, value: String, mend| {
+            Err(TrainerError::SceneValue {
+                path: path.to_path_buf(),
+                key,
+                value,
+                mend,
+            })
+        };
+        let positive = [
+            ("mesh.element_size", self.mesh.element_size),
+            ("stage1.spring_stiffness", self.stage1.spring_stiffness),
+            ("stage2.accuracy", self.stage2.accuracy),
+            ("stage2.adjoint_tolerance", self.stage2.adjoint_tolerance),
+            ("evaluation.accuracy", self.evaluation.accuracy),
+        ];
+        for (key, value) in positive {
+            if !(value.is_finite() && value > 0.0) {
+                return wrong(key, value.to_string(), "give a finite number above zero");
+            }
+        }
+        let not_negative = [
+            ("loss.normal_weight", self.loss.normal_weight),
+            ("stage1.learning_rate", self.stage1.learning_rate),
+            ("stage2.learning_rate", self.stage2.learning_rate),
+        ];
+        for (key, value) in not_negative {
+            if !(value.is_finite() && value >= 0.0) {
+                return wrong(key, value.to_string(), "give a finite number, zero or more");
+            }
+        }
+        if ![1, 8, 27].contains(&self.mesh.samples) {
+            let value = self.mesh.samples.to_string();
+            return wrong("mesh.samples", value, "give 1, 8 or 27");
+        }
+        for (key, value) in [
+            ("stage1.batch", self.stage1.batch),
+            ("stage1.points", self.stage1.points),
+        ] {
+            if value == 0 {
+                return wrong(key, "0".into(), "give at least 1");
+            }
+        }
+        let is_file_name = !self.name.is_empty()
+            && (self.name.chars()).all(|c| c.is_alphanumeric() || "-_. ".contains(c));
+        if !is_file_name || self.name.starts_with('.') {
+            let mend = "use letters, digits, spaces, `-`, `_` and `.`: it names the run folder";
+            return wrong("name", format!("`{}`", self.name), mend);
+        }
+        let generated = matches!(self.surface, SurfaceSource::Starfish(_));
+        if !generated && !self.poses.is_empty() {
+            let mend =
+                "poses are for a generated starfish; list the shapes of a file under [shapes]";
+            return wrong("pose", format!("{} poses", self.poses.len()), mend);
+        }
+        if generated && self.shapes.file.is_some() {
+            let mend = "a generated surface takes its shapes from [[pose]]";
+            return wrong("shapes.file", "a file".into(), mend);
+        }
+        Ok(())
+    }
+}
+
+/// toml's own message, shortened to its first line, with the line number and the nearest known key.
+fn syntax_error(text: &str, path: &Path, error: &toml::de::Error) -> TrainerError {
+    let start = error.span().map_or(0, |span| span.start).min(text.len());
+    let line = text[..start].matches('\n').count() + 1;
+    let message = error.message();
+    let mut parts = message.splitn(2, ", expected ");
+    let unknown = parts.next().unwrap_or_default();
+    let hint = match (unknown.split('`').nth(1), parts.next()) {
+        (Some(name), Some(known)) => {
+            let known: Vec<&str> = known.split('`').skip(1).step_by(2).collect();
+            suggestion(name, &known.join(", "))
+        }
+        _ => String::new(),
+    };
+    TrainerError::SceneSyntax {
+        path: path.to_path_buf(),
+        line: if unknown.starts_with("unknown") {
+            unknown
+                .split('`')
+                .nth(1)
+                .and_then(|name| line_of_key(text, name, line))
+                .unwrap_or(line)
+        } else {
+            line
+        },
+        message: format!("{message}{hint}"),
+    }
+}
+
+/// The line of a key at or after the start of its table: errors inside tagged tables only tell where the table starts.
+fn line_of_key(text: &str, name: &str, from: usize) -> Option<usize> {
+    let holds = |line: &str| {
+        line.split(['{', ',', '['])
+            .any(|part| part.trim_start().trim_start_matches('"').starts_with(name))
+    };
+    let lines = text.lines().enumerate().skip(from - 1);
+    lines.filter(|(_, l)| holds(l)).map(|(i, _)| i + 1).next()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const GOOD: &str = r#"
+name = "cube"
+[surface]
+file = "cube.obj"
+[mesh]
+element_size = 0.1
+[[effects]]
+type = "elasticity"
+[[effects]]
+type = "prescribed"
+nodes = { type = "sphere", center = [0, 0, 0], radius = 0.2 }
+[network]
+width = 64
+"#;
+
+    fn error_of(text: &str) -> String {
+        Scene::parse(text, Path::new("cube.toml"))
+            .unwrap_err()
+            .to_string()
+    }
+
+    #[test]
+    fn a_good_scene_parses() {
+        let scene = Scene::parse(GOOD, Path::new("cube.toml")).unwrap();
+        assert_eq!(scene.effects.len(), 2);
+        assert_eq!(scene.mesh.samples, 8);
+    }
+
+    #[test]
+    fn a_misspelt_key_is_named_with_its_line_and_a_suggestion() {
+        let message = error_of(&GOOD.replace("element_size", "elemnt_size"));
+        assert!(message.starts_with("cube.toml:6: "), "{message}");
+        assert!(
+            message.contains("did you mean `element_size`?"),
+            "{message}"
+        );
+        let message = error_of(&GOOD.replace("radius", "radiu"));
+        assert!(message.contains("cube.toml:11"), "{message}");
+        let message = error_of(&GOOD.replace("\"prescribed\"", "\"perscribed\""));
+        assert!(message.contains("did you mean `prescribed`?"), "{message}");
+    }
+
+    #[test]
+    fn values_that_make_no_sense_are_refused() {
+        for (from, to, expected) in [
+            ("0.1", "-0.1", "mesh.element_size"),
+            ("0.1", "nan", "mesh.element_size"),
+            ("width = 64", "width = 65", "65"),
+            ("\"cube\"", "\"a/b\"", "name"),
+            (
+                "element_size = 0.1",
+                "element_size = 0.1\nsamples = 9",
+                "mesh.samples",
+            ),
+        ] {
+            let message = error_of(&GOOD.replace(from, to));
+            assert!(message.contains(expected), "{message}");
+        }
+    }
+}

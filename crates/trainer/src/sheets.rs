@@ -1,0 +1,124 @@
+//! The pictures of a run: comparison sheets and the course of the loss.
+
+use crate::body::{Body, Shape, ShapeSet};
+use crate::error::{Result, file_error};
+use crate::evaluate::ShapeResult;
+use crate::loss::distances;
+use crate::run::Run;
+use crate::scene::Scene;
+use nalgebra::Vector3;
+use report::{ComparisonSheet, LinePlot, Row, Series};
+use std::path::Path;
+
+/// Writes the sheets of an evaluation, `sheet-1.png` and so on: target, simulated, error in colour. Sheets of an earlier
+/// evaluation with more pages are removed.
+///
+/// # Errors
+/// When they cannot be drawn or written.
+pub fn write(
+    folder: &Path,
+    scene: &Scene,
+    body: &Body,
+    results: &[ShapeResult],
+    wanted: &[Shape],
+) -> Result<()> {
+    let triangles = body.surface.triangles();
+    let errors: Vec<Vec<f64>> = (results.iter().zip(wanted))
+        .map(|(r, w)| distances(&r.surface, &w.positions).2)
+        .collect();
+    let notes: Vec<String> = results.iter().map(note).collect();
+    let (direction, up) = view(body);
+    let mut sheet = ComparisonSheet::new(
+        format!("{}: target and simulation", scene.name),
+        &scene.unit,
+    )
+    .view(direction, up)
+    .rows_per_page(6);
+    for (i, (result, shape)) in results.iter().zip(wanted).enumerate() {
+        sheet = sheet.row(Row {
+            name: &result.name,
+            triangles,
+            target: &shape.positions,
+            simulated: &result.surface,
+            errors: &errors[i],
+            note: &notes[i],
+        });
+    }
+    let pages = sheet.render()?;
+    for (i, page) in pages.iter().enumerate() {
+        page.write_png(folder.join(format!("sheet-{}.png", i + 1)))?;
+    }
+    for stale in pages.len() + 1.. {
+        let path = folder.join(format!("sheet-{stale}.png"));
+        if !path.exists() {
+            return Ok(());
+        }
+        std::fs::remove_file(&path).map_err(file_error("remove", &path))?;
+    }
+    Ok(())
+}
+
+fn note(result: &ShapeResult) -> String {
+    let set = match result.set {
+        ShapeSet::Train => "trained",
+        ShapeSet::HeldOut => "held out",
+        ShapeSet::Blend => "blend",
+    };
+    format!("{set}, {:.2} % mean", result.mean_error_percent)
+}
+
+/// Flat bodies are seen from above at a slant, all others from the front.
+fn view(body: &Body) -> (Vector3<f64>, Vector3<f64>) {
+    let (min, max) = body.surface.bounding_box();
+    let size = max - min;
+    if size.y < 0.5 * size.x.min(size.z) {
+        (Vector3::new(-0.25, -0.8, -0.75), Vector3::y())
+    } else {
+        (Vector3::new(-0.25, -0.15, -1.0), Vector3::y())
+    }
+}
+
+/// Draws the loss of both stages from the metrics of a run: `loss-1.png` and `loss-2.png`, with the same as SVG.
+///
+/// # Errors
+/// When the metrics cannot be read or a picture cannot be written.
+pub fn write_losses(run: &Run) -> Result<()> {
+    let path = run.metrics_path();
+    let text = std::fs::read_to_string(&path).map_err(file_error("read", &path))?;
+    for (stage, title, y_label, key) in [
+        (
+            1,
+            "Stage 1: actuation of pulled shapes",
+            "mean squared error of A",
+            "loss",
+        ),
+        (
+            2,
+            "Stage 2: through the simulator",
+            "mean error, % of diagonal",
+            "mean_error_percent",
+        ),
+    ] {
+        let points: Vec<(f64, f64)> = (text.lines())
+            .filter_map(|line| serde_json::from_str::<serde_json::Value>(line).ok())
+            .filter(|v| v["stage"] == stage)
+            .filter_map(|v| Some((v["epoch"].as_f64()?, v[key].as_f64()?)))
+            .filter(|p| p.1 > 0.0)
+            .collect();
+        if points.is_empty() {
+            continue;
+        }
+        let plot = LinePlot {
+            title: title.into(),
+            x_label: "epoch".into(),
+            y_label: y_label.into(),
+            series: vec![Series::new("training shapes", points)],
+            log_x: false,
+            log_y: true,
+            markers: false,
+        };
+        plot.write_png(run.folder().join(format!("loss-{stage}.png")))?;
+        plot.write_svg(run.folder().join(format!("loss-{stage}.svg")))?;
+    }
+    Ok(())
+}

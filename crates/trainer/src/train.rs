@@ -1,0 +1,388 @@
+//! Training from a scene to a finished run, resumable at any step.
+
+use crate::body::{Body, Shape, ShapeSet, Shapes};
+use crate::checkpoint::{Checkpoint, Stage, StageError};
+use crate::error::{Result, TrainerError};
+use crate::evaluate::{self, Evaluator, ShapeResult};
+use crate::files::create_folder;
+use crate::progress::{Phase, stop_requested};
+use crate::run::{Metrics, Run};
+use crate::scene::Scene;
+use crate::stage1::{self, Pulled, Regression};
+use crate::stage2::{self, Outcome, ThroughSimulator};
+use actuation_net::{ActuationNet, AdamState, NetworkConfig};
+use pd_solver::Solver;
+use serde_json::json;
+use std::time::{Duration, Instant};
+
+/// Between checkpoints.
+const CHECKPOINT_EVERY: Duration = Duration::from_secs(10);
+/// Failed steps in a row that end training.
+const MAX_FAILURES: u64 = 20;
+
+/// What a finished training shows.
+pub struct Trained {
+    /// All shapes, simulated after training.
+    pub results: Vec<ShapeResult>,
+    /// Errors of the training shapes after stage 1.
+    pub stage1: Vec<StageError>,
+    /// Seconds of training, all sessions together.
+    pub seconds: f64,
+    /// Steps that were dropped in stage 2.
+    pub dropped: u64,
+    /// Length of the bounding box's diagonal.
+    pub diagonal: f64,
+}
+
+/// The network that a scene asks for.
+pub fn network_config(scene: &Scene, shapes: &Shapes) -> NetworkConfig {
+    NetworkConfig {
+        descriptor: shapes.descriptor_size(),
+        width: scene.network.width,
+        latent: scene.network.latent,
+        omega: scene.network.omega,
+    }
+}
+
+/// Trains a run from where it stands to its end, evaluates it, and writes everything into its folder.
+///
+/// # Errors
+/// When something does not fit, training diverges, the output cannot be written, or the user stops; the last checkpoint then
+/// holds the state.
+pub fn train(run: &Run) -> Result<Trained> {
+    let scene = run.scene()?;
+    let inputs = run.inputs()?;
+    let surface = inputs.surface.clone();
+    let body = Body::new(
+        &scene.name,
+        surface,
+        scene.mesh.element_size,
+        scene.mesh.samples,
+    )?;
+    eprintln!(
+        "{:>12} {}",
+        "body",
+        body.report.to_string().replace('\n', "\n             ")
+    );
+    let shapes = Shapes::new(&scene, &inputs, &body.vertex_weights)?;
+    let config = network_config(&scene, &shapes);
+    let state = if run.checkpoint_path().exists() {
+        Checkpoint::read(run, &config)?
+    } else {
+        let net = ActuationNet::new(&config, scene.seed)?;
+        Checkpoint {
+            stage: Stage::One,
+            step: 0,
+            dropped: 0,
+            metrics_length: 0,
+            seconds: 0.0,
+            stage1_errors: Vec::new(),
+            adam: AdamState::new(net.parameter_count()),
+            net,
+            warm: Vec::new(),
+        }
+    };
+    let metrics = Metrics::open(run, state.metrics_length)?;
+    let mut session = Session {
+        run,
+        scene: &scene,
+        body: &body,
+        state,
+        metrics,
+        started: Instant::now(),
+        last_checkpoint: Instant::now(),
+    };
+    let training = shapes.training();
+    let descriptors = training.iter().map(|s| shapes.descriptor(&s.positions));
+    let descriptors: Vec<Vec<f32>> = descriptors.collect::<Result<_>>()?;
+    if session.state.stage == Stage::One {
+        session.stage1(&training, &descriptors)?;
+    }
+    if session.state.stage == Stage::Two {
+        session.stage2(&training, &descriptors)?;
+    }
+    let state = session.state;
+    let results = evaluate::simulate(&scene, &body, &shapes, &state.net, &shapes.all)?;
+    let folder = create_folder(&run.evaluation_folder())?;
+    evaluate::write(&folder, &scene, &body, &results, &shapes.all)?;
+    crate::sheets::write_losses(run)?;
+    Ok(Trained {
+        results,
+        stage1: state.stage1_errors,
+        seconds: state.seconds,
+        dropped: state.dropped,
+        diagonal: body.diagonal,
+    })
+}
+
+/// One process working on a run.
+struct Session<'a> {
+    run: &'a Run,
+    scene: &'a Scene,
+    body: &'a Body,
+    state: Checkpoint,
+    metrics: Metrics,
+    started: Instant,
+    last_checkpoint: Instant,
+}
+
+impl Session<'_> {
+    fn save(&mut self) -> Result<()> {
+        self.state.metrics_length = self.metrics.length();
+        self.state.seconds += self.started.elapsed().as_secs_f64();
+        self.started = Instant::now();
+        self.last_checkpoint = Instant::now();
+        self.state.write(self.run)
+    }
+
+    /// Saves now and then, and when the user wants to stop.
+    fn between_steps(&mut self) -> Result<()> {
+        if stop_requested() {
+            self.save()?;
+            return Err(TrainerError::Interrupted {
+                run: self.run.folder().to_path_buf(),
+            });
+        }
+        if self.last_checkpoint.elapsed() >= CHECKPOINT_EVERY {
+            self.save()?;
+        }
+        Ok(())
+    }
+
+    fn stage1(&mut self, training: &[&Shape], descriptors: &[Vec<f32>]) -> Result<()> {
+        let settings = &self.scene.stage1;
+        let pulled = stage1::pull(self.body, self.scene, training)?;
+        if self.state.warm.is_empty() {
+            self.state.warm = pulled.iter().map(|p| p.nodes.clone()).collect();
+            self.save()?;
+        }
+        let regression = Regression {
+            points: &self.body.points,
+            descriptors,
+            targets: &pulled,
+            settings,
+            seed: self.scene.seed,
+        };
+        self.regress(&regression)?;
+        self.measure_stage1(training, descriptors, &pulled)?;
+        self.state.stage = Stage::Two;
+        self.state.step = 0;
+        self.state.adam = AdamState::new(self.state.net.parameter_count());
+        self.save()
+    }
+
+    fn regress(&mut self, regression: &Regression) -> Result<()> {
+        let shapes = regression.descriptors.len();
+        let steps = stage1::steps(regression.settings, shapes);
+        let per_epoch = shapes.div_ceil(regression.settings.batch) as u64;
+        let mut phase = Phase::new("stage 1", steps, self.state.step);
+        let mut mean = Running::default();
+        while self.state.step < steps {
+            let step = self.state.step;
+            let loss = regression.step(&mut self.state.net, &mut self.state.adam, step)?;
+            mean.add(loss);
+            self.state.step += 1;
+            if self.state.step % per_epoch == 0 {
+                let epoch = self.state.step / per_epoch;
+                let line = json!({ "stage": 1, "epoch": epoch, "loss": mean.take() });
+                self.metrics.append(&line)?;
+            }
+            phase.step(|| format!("loss {loss:.2e}"));
+            self.between_steps()?;
+        }
+        phase.finish(&format!("{steps} steps"));
+        Ok(())
+    }
+
+    /// Simulates the training shapes with what stage 1 learned: the errors that stage 2 has to beat, and its first starts.
+    fn measure_stage1(
+        &mut self,
+        training: &[&Shape],
+        descriptors: &[Vec<f32>],
+        pulled: &[Pulled],
+    ) -> Result<()> {
+        let mut evaluator = Evaluator::new(self.body, self.scene)?;
+        let mut phase = Phase::new("check", training.len() as u64, 0);
+        self.state.stage1_errors.clear();
+        let mut warm = Vec::new();
+        for ((shape, descriptor), pulled) in training.iter().zip(descriptors).zip(pulled) {
+            let start = Some(pulled.nodes.as_slice());
+            let result = evaluator.shape(&self.state.net, shape, descriptor.clone(), start)?;
+            phase.step(|| format!("{} {:.3} %", shape.name, result.mean_error_percent));
+            self.state.stage1_errors.push(StageError {
+                name: shape.name.clone(),
+                mean: result.mean_error,
+                max: result.max_error,
+            });
+            warm.push(result.nodes);
+            self.between_steps()?;
+        }
+        self.state.warm = warm;
+        let mean = mean_of(self.state.stage1_errors.iter().map(|e| e.mean));
+        phase.finish(&format!(
+            "after stage 1 the mean error is {:.3} % of the diagonal",
+            100.0 * mean / self.body.diagonal
+        ));
+        Ok(())
+    }
+
+    fn stage2(&mut self, training: &[&Shape], descriptors: &[Vec<f32>]) -> Result<()> {
+        let steps = stage2::steps(&self.scene.stage2, training.len());
+        let mut simulator = ThroughSimulator {
+            body: self.body,
+            scene: self.scene,
+            shapes: training,
+            descriptors,
+            solver: Solver::new(&self.body.mesh, &self.scene.effects)?,
+        };
+        let percent = 100.0 / self.body.diagonal;
+        let mut phase = Phase::new("stage 2", steps, self.state.step);
+        let mut failures = 0;
+        while self.state.step < steps {
+            let step = self.state.step;
+            let state = &mut self.state;
+            let outcome = simulator.step(&mut state.net, &mut state.adam, &mut state.warm, step)?;
+            state.step += 1;
+            let epoch = state.step as f64 / training.len() as f64;
+            match outcome {
+                Outcome::Stepped(done) => {
+                    failures = 0;
+                    let line = json!({
+                        "stage": 2, "step": step, "epoch": epoch,
+                        "shape": training[done.shape].name, "loss": done.loss,
+                        "mean_error": done.mean_error,
+                        "mean_error_percent": done.mean_error * percent,
+                        "iterations": done.forward.iterations,
+                        "adjoint_iterations": done.adjoint.iterations,
+                        "negative_curvature": done.adjoint.negative_curvature,
+                        "forward_seconds": done.forward.seconds,
+                        "adjoint_seconds": done.adjoint.seconds,
+                    });
+                    self.metrics.append(&line)?;
+                    phase.step(|| {
+                        let error = done.mean_error * percent;
+                        format!("loss {:.2e}, error {error:.3} %", done.loss)
+                    });
+                }
+                Outcome::Dropped(reason) => {
+                    failures += 1;
+                    self.state.dropped += 1;
+                    let line = json!({ "stage": 2, "step": step, "dropped": reason });
+                    self.metrics.append(&line)?;
+                    phase.step(|| format!("dropped: {reason}"));
+                    if failures == MAX_FAILURES {
+                        return Err(TrainerError::Diverged {
+                            count: MAX_FAILURES as usize,
+                            reason,
+                            checkpoint: self.run.checkpoint_path(),
+                        });
+                    }
+                }
+            }
+            self.between_steps()?;
+        }
+        phase.finish(&format!("{steps} steps, {} dropped", self.state.dropped));
+        self.state.net.save(self.run.model_path())?;
+        self.state.stage = Stage::Done;
+        self.save()
+    }
+}
+
+/// A mean that starts anew when it is taken.
+#[derive(Default)]
+struct Running {
+    sum: f64,
+    count: u64,
+}
+
+impl Running {
+    fn add(&mut self, value: f64) {
+        self.sum += value;
+        self.count += 1;
+    }
+
+    fn take(&mut self) -> f64 {
+        let mean = self.sum / self.count.max(1) as f64;
+        *self = Self::default();
+        mean
+    }
+}
+
+/// Mean of some numbers; 0 of none.
+pub fn mean_of(values: impl Iterator<Item = f64>) -> f64 {
+    let (sum, count) = values.fold((0.0, 0), |(s, n), v| (s + v, n + 1));
+    if count == 0 { 0.0 } else { sum / count as f64 }
+}
+
+/// The table that training and evaluation end with.
+pub fn table(results: &[ShapeResult], stage1: &[StageError], diagonal: f64, unit: &str) -> String {
+    use std::fmt::Write;
+    let percent = 100.0 / diagonal;
+    let width = results
+        .iter()
+        .map(|r| r.name.chars().count())
+        .max()
+        .unwrap_or(5)
+        .max(5);
+    let after1 = |name: &str| stage1.iter().find(|e| e.name == name);
+    let mut out = String::new();
+    let first = if stage1.is_empty() {
+        ""
+    } else {
+        "  stage 1 mean %"
+    };
+    let _ = writeln!(
+        out,
+        "{:width$}  {:8}{first}  mean {unit:<6}  mean %  max {unit:<6}   max %     energy  iterations  seconds  inverted",
+        "shape", "set",
+    );
+    for r in results {
+        let before = match (stage1.is_empty(), after1(&r.name)) {
+            (true, _) => String::new(),
+            (false, Some(e)) => format!("  {:14.3}", e.mean * percent),
+            (false, None) => format!("  {:>14}", "-"),
+        };
+        let unfinished = if r.status == pd_solver::Status::Converged {
+            ""
+        } else {
+            "  not converged"
+        };
+        let _ = writeln!(
+            out,
+            "{:width$}  {:8}{before}  {:11.5}  {:6.3}  {:10.5}  {:6.3}  {:9.3e}  {:10}  {:7.2}  {:8}{unfinished}",
+            r.name,
+            r.set.label(),
+            r.mean_error,
+            r.mean_error_percent,
+            r.max_error,
+            r.max_error_percent,
+            r.energy,
+            r.iterations,
+            r.seconds,
+            r.inverted_elements,
+        );
+    }
+    for set in [ShapeSet::Train, ShapeSet::HeldOut, ShapeSet::Blend] {
+        let of_set = || results.iter().filter(|r| r.set == set);
+        if of_set().count() == 0 {
+            continue;
+        }
+        let mean = mean_of(of_set().map(|r| r.mean_error_percent));
+        let _ = write!(
+            out,
+            "{:>width$}  {:8} mean error {mean:.3} % of the diagonal",
+            "",
+            set.label()
+        );
+        if set == ShapeSet::Train && !stage1.is_empty() {
+            let before = percent * mean_of(stage1.iter().map(|e| e.mean));
+            let _ = write!(
+                out,
+                " ({before:.3} % after stage 1, {:.1} times as much)",
+                before / mean
+            );
+        }
+        out.push('\n');
+    }
+    out
+}
