@@ -343,7 +343,7 @@ fn bad_input_is_named() {
     }
     assert_eq!(
         basis
-            .fit(&vec![Vector3::x() * 1e200; 3], &unit, 0.0)
+            .fit(&[Vector3::x() * 1e200; 3], &unit, 0.0)
             .unwrap_err(),
         RigError::TargetScale
     );

@@ -93,6 +93,26 @@ fn main() -> Result<(), Box<dyn Error>> {
     };
     plot.write_svg(folder.join("loss.svg"))?;
     plot.write_png(folder.join("loss.png"))?;
+
+    let front = |power: i32| {
+        (0..6)
+            .map(|step| (0.03 * 4_f64.powi(step), 2_f64.powi(-power * step)))
+            .collect()
+    };
+    let accuracy = LinePlot {
+        title: "Accuracy against time".into(),
+        x_label: "time (s)".into(),
+        y_label: "largest error (mm)".into(),
+        series: vec![
+            Series::new("local/global", front(1)),
+            Series::new("L-BFGS", front(2)),
+            Series::new("Newton", front(4)),
+        ],
+        log_x: true,
+        log_y: true,
+        markers: true,
+    };
+    accuracy.write_png(folder.join("accuracy.png"))?;
     println!("pictures are in {}", folder.display());
     Ok(())
 }

@@ -28,7 +28,7 @@ pub(crate) fn vertex_normals(
 }
 
 /// Radius of curvature, as a part of the mesh's diagonal, at which a hollow gets its full shadow.
-const HOLLOW_RADIUS: f64 = 0.02;
+const HOLLOW_RADIUS: f64 = 0.015;
 /// Rounds of averaging over neighbours: a hollow's shadow ends softly.
 const SOFTENING: usize = 2;
 

@@ -23,7 +23,7 @@ const SUBSAMPLE: f64 = 256.0;
 /// Vertices further out than this many subsamples are pulled in, which keeps the integer edges from overflowing.
 const GUARD: f64 = (1_u64 << 29) as f64;
 /// Part of the light that a narrow groove loses.
-const HOLLOW_SHADOW: f32 = 0.75;
+const HOLLOW_SHADOW: f32 = 0.65;
 const NOTHING: u32 = u32::MAX;
 
 /// The colour of a surface.
@@ -211,30 +211,26 @@ impl<'a> Scene<'a> {
     fn resolve(&self, samples: &Samples, band: usize, pixels: &mut [Rgb], table: &SrgbTable) {
         let columns = self.width * SAMPLES;
         let background = to_linear(BACKGROUND);
-        let share = 1.0 / (SAMPLES * SAMPLES) as f32;
         for (index, pixel) in pixels.iter_mut().enumerate() {
             let (x, y) = (index % self.width, index / self.width);
-            let mut sum = [0.0_f32; 3];
-            let mut known = (NOTHING, background);
-            let mut covered = false;
-            for row in 0..SAMPLES {
-                let start = (y * SAMPLES + row) * columns + x * SAMPLES;
-                for &owner in &samples.owner[start..start + SAMPLES] {
-                    if owner != known.0 {
-                        known = (owner, background);
-                        if owner != NOTHING {
-                            known.1 = self.shade_at(owner, x, band * BAND + y);
-                        }
-                    }
-                    covered |= owner != NOTHING;
-                    for (total, part) in sum.iter_mut().zip(known.1) {
-                        *total += part;
-                    }
-                }
-            }
-            if covered {
-                *pixel = table.encode(sum.map(|total| total * share), dither(x, band * BAND + y));
-            }
+            let start = y * SAMPLES * columns + x * SAMPLES;
+            let rows: [&[u32]; SAMPLES] =
+                std::array::from_fn(|row| &samples.owner[start + row * columns..][..SAMPLES]);
+            let first = rows[0][0];
+            let colour_of = |owner| match owner {
+                NOTHING => background,
+                _ => self.shade_at(owner, x, band * BAND + y),
+            };
+            // Most pixels lie inside one triangle or beside the mesh.
+            let one_owner = rows
+                .iter()
+                .all(|row| row.iter().all(|&owner| owner == first));
+            let colour = match (one_owner, first) {
+                (true, NOTHING) => continue,
+                (true, _) => colour_of(first),
+                (false, _) => mean_colour(rows, colour_of),
+            };
+            *pixel = table.encode(colour, dither(x, band * BAND + y));
         }
     }
 
@@ -277,6 +273,21 @@ impl<'a> Scene<'a> {
         };
         shade(normal, colour, self.finish)
     }
+}
+
+/// The mean over the samples of a pixel; neighbours with one owner share their colour.
+fn mean_colour(rows: [&[u32]; SAMPLES], colour_of: impl Fn(u32) -> Linear) -> Linear {
+    let mut known = None;
+    let mut sum = [0.0; 3];
+    for &owner in rows.into_iter().flatten() {
+        let colour = match known {
+            Some((last, colour)) if last == owner => colour,
+            _ => colour_of(owner),
+        };
+        known = Some((owner, colour));
+        sum = std::array::from_fn(|channel| sum[channel] + colour[channel]);
+    }
+    sum.map(|total| total / (SAMPLES * SAMPLES) as f32)
 }
 
 fn project_triangles(
@@ -373,7 +384,7 @@ impl ScreenTriangle {
                     .zip(&mut samples.owner[line])
                     .enumerate()
                 {
-                    let near = near_left + place as f32 * slope;
+                    let near = near_left + place as i32 as f32 * slope;
                     let wins = near > *nearest;
                     *nearest = if wins { near } else { *nearest };
                     *owner = if wins { index } else { *owner };
@@ -424,6 +435,7 @@ fn edge(from: [i64; 2], to: [i64; 2], point: [i64; 2]) -> i64 {
 
 /// A fixed pattern between -0.5 and 0.5 without visible structure (interleaved gradient noise, Jimenez 2014).
 fn dither(x: usize, y: usize) -> f32 {
+    let (x, y) = (x as i32, y as i32);
     let phase = 52.982_918 * (0.067_110_56 * x as f32 + 0.005_837_15 * y as f32).fract();
     phase.fract() - 0.5
 }

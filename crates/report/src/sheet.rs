@@ -225,9 +225,9 @@ impl<'a> Layout<'a> {
         // The automatic end may fall short of the largest error by its own rounding.
         if largest > scale.end() * (1.0 + 1e-9) {
             scale_note.extend([
-                "above the".to_owned(),
+                "(beyond the".to_owned(),
                 "scale: last".to_owned(),
-                "colour".to_owned(),
+                "colour)".to_owned(),
             ]);
         }
         let note_width = scale_note
@@ -242,7 +242,7 @@ impl<'a> Layout<'a> {
             scale_note,
             panel,
             width: scale_left + scale_width + GAP,
-            top: GAP + Font::Title.line_height() + GAP + Font::Bold.line_height() + GAP / 2,
+            top: GAP + Font::Title.line_height() + GAP + Font::Bold.line_height() + GAP,
             scale_left,
         }
     }
