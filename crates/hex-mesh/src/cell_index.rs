@@ -5,8 +5,8 @@ use crate::grid_box::GridBox;
 
 /// The elements of each integer cell. A cell may hold several elements: pieces of material that must not be fused.
 ///
-/// A table over the bounding box of the cells, which is at most [`MAX_GRID_CELLS`](crate::MAX_GRID_CELLS): building it is 30 times
-/// faster than a hash map (measured on 1.4 million elements), and looking up is one load.
+/// A table over the bounding box of the cells, which is at most [`MAX_GRID_CELLS`](crate::MAX_GRID_CELLS). Building it dominates:
+/// embedding 10 thousand points in 1.4 million elements takes 30 ms with it, 141 ms with a hash map.
 #[derive(Debug, Clone)]
 pub struct CellIndex {
     bounds: GridBox,

@@ -43,13 +43,15 @@ struct TreeNode {
 const LEAF: usize = 8;
 
 impl<'a> CellTree<'a> {
-    pub fn new(cells: &'a [[i32; 3]]) -> Self {
+    /// A tree of some of the cells, at least one, given by `elements`.
+    pub fn new(cells: &'a [[i32; 3]], elements: Vec<u32>) -> Self {
+        let count = elements.len();
         let mut tree = Self {
             cells,
-            order: (0..cells.len() as u32).collect(),
+            order: elements,
             nodes: Vec::new(),
         };
-        tree.split(0, cells.len());
+        tree.split(0, count);
         tree
     }
 

@@ -57,13 +57,13 @@ impl GridBox {
     /// Flat index of a point, if it is in the box.
     pub fn index(&self, point: [i32; 3]) -> Option<usize> {
         let mut index = 0;
-        for axis in 0..3 {
+        for ((at, min), count) in point.into_iter().zip(self.min).zip(self.counts) {
             // A point below the minimum wraps around to beyond any count.
-            let along = i64::from(point[axis]).wrapping_sub(i64::from(self.min[axis])) as usize;
-            if along >= self.counts[axis] {
+            let along = (i64::from(at) - i64::from(min)) as usize;
+            if along >= count {
                 return None;
             }
-            index = index * self.counts[axis] + along;
+            index = index * count + along;
         }
         Some(index)
     }

@@ -36,7 +36,25 @@ impl<'a> ElementFinder<'a> {
 
     #[cold]
     fn tree(&self) -> &CellTree<'a> {
-        self.tree.get_or_init(|| CellTree::new(self.mesh.cells()))
+        self.tree.get_or_init(|| {
+            let elements = 0..self.mesh.elements().len() as u32;
+            let boundary = elements.filter(|&element| self.is_on_boundary(element));
+            CellTree::new(self.mesh.cells(), boundary.collect())
+        })
+    }
+
+    /// Whether a face neighbour is missing. A point outside the mesh is never nearest to another cube: the neighbour towards the
+    /// point would be strictly nearer.
+    fn is_on_boundary(&self, element: u32) -> bool {
+        let cell = self.mesh.cells()[element as usize];
+        (0..3).any(|axis| {
+            [-1, 1].into_iter().any(|step| {
+                let mut neighbour = cell;
+                // Wrapping leads to a cell far away, which is missing as it should be.
+                neighbour[axis] = neighbour[axis].wrapping_add(step);
+                self.index.elements(neighbour).next().is_none()
+            })
+        })
     }
 
     /// The nearest element of the 3 x 3 x 3 cells around the point, provided that no other cell can be nearer.

@@ -72,8 +72,9 @@ fn weights_are_a_partition_of_unity_with_matching_gradients() {
                 trilinear_weights(&(xi + step)),
                 trilinear_weights(&(xi - step)),
             );
-            for corner in 0..8 {
-                assert!((up[corner] - down[corner] - gradients[corner][axis]).abs() < 1e-12);
+            let slopes = up.iter().zip(down).map(|(up, down)| up - down);
+            for (slope, gradient) in slopes.zip(&gradients) {
+                assert!((slope - gradient[axis]).abs() < 1e-12);
             }
         }
     }

@@ -365,4 +365,6 @@ fn shared_shapes_keep_their_volume() {
     check_shape("shapes/penguin.obj", 60.0, 0.02);
     check_shape("face_ict/neutral_skin.obj", 80.0, 0.02);
     check_shape("body_makehuman/neutral_body.obj", 150.0, 0.02);
+    check_shape("face_ict/mandible.obj", 80.0, 0.02);
+    check_shape("face_ict/skull_cranium.obj", 80.0, 0.02);
 }
