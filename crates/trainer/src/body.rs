@@ -187,6 +187,7 @@ pub struct Shapes {
     /// All target shapes, in file order.
     pub all: Vec<Shape>,
     basis: BlendBasis,
+    basis_deltas: Vec<Vec<Vector3<f64>>>,
     neutral: Vec<Vector3<f64>>,
 }
 
@@ -213,7 +214,8 @@ impl Shapes {
             None => (0..held_out.len()).filter(|&i| !held_out[i]).collect(),
         };
         let deltas = basis.iter().map(|&i| inputs.targets[i].deltas.clone());
-        let basis = BlendBasis::weighted(deltas.collect(), vertex_weights)?;
+        let basis_deltas: Vec<_> = deltas.collect();
+        let basis = BlendBasis::weighted(basis_deltas.clone(), vertex_weights)?;
         let all = (inputs.targets.iter().zip(held_out).enumerate())
             .map(|(i, (target, held_out))| Shape {
                 name: target.name.clone(),
@@ -228,6 +230,7 @@ impl Shapes {
         Ok(Self {
             all,
             basis,
+            basis_deltas,
             neutral: inputs.surface.vertices().to_vec(),
         })
     }
@@ -253,6 +256,24 @@ impl Shapes {
             .basis
             .fit(&difference(positions, &self.neutral), &bounds, 1e-6)?;
         Ok(fit.weights.iter().map(|&w| w as f32).collect())
+    }
+
+    /// Neutral plus the weighted displacements of the basis.
+    ///
+    /// # Panics
+    /// When there is not one weight per shape of the basis.
+    pub fn basis_blend(&self, weights: &[f64]) -> Vec<Vector3<f64>> {
+        assert_eq!(
+            weights.len(),
+            self.basis_deltas.len(),
+            "one weight per basis shape"
+        );
+        let mut positions = self.neutral.clone();
+        for (deltas, &weight) in self.basis_deltas.iter().zip(weights) {
+            let moved = positions.iter_mut().zip(deltas);
+            moved.for_each(|(x, d)| *x += d * weight);
+        }
+        positions
     }
 
     /// Neutral plus the weighted displacements of named shapes.

@@ -29,6 +29,28 @@ pub struct StageError {
     pub max: f64,
 }
 
+/// A mean that starts anew when it is taken.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
+pub struct RunningMean {
+    sum: f64,
+    count: u64,
+}
+
+impl RunningMean {
+    /// Takes one more value in.
+    pub fn add(&mut self, value: f64) {
+        self.sum += value;
+        self.count += 1;
+    }
+
+    /// The mean since it was last taken; 0 of none.
+    pub fn take(&mut self) -> f64 {
+        let mean = self.sum / self.count.max(1) as f64;
+        *self = Self::default();
+        mean
+    }
+}
+
 /// Everything that the next step depends on.
 pub struct Checkpoint {
     /// The stage.
@@ -41,6 +63,8 @@ pub struct Checkpoint {
     pub metrics_length: u64,
     /// Seconds of training so far.
     pub seconds: f64,
+    /// Losses of the epoch of stage 1 that is under way.
+    pub epoch_loss: RunningMean,
     /// Errors after stage 1, once it is done.
     pub stage1_errors: Vec<StageError>,
     /// The network.
@@ -59,6 +83,7 @@ struct Header {
     dropped: u64,
     metrics_length: u64,
     seconds: f64,
+    epoch_loss: RunningMean,
     stage1_errors: Vec<StageError>,
     shapes: usize,
     nodes: usize,
@@ -80,6 +105,7 @@ impl Checkpoint {
             dropped: self.dropped,
             metrics_length: self.metrics_length,
             seconds: self.seconds,
+            epoch_loss: self.epoch_loss,
             stage1_errors: self.stage1_errors.clone(),
             shapes: self.warm.len(),
             nodes,
@@ -134,6 +160,7 @@ impl Checkpoint {
             dropped: header.dropped,
             metrics_length: header.metrics_length,
             seconds: header.seconds,
+            epoch_loss: header.epoch_loss,
             stage1_errors: header.stage1_errors,
             net,
             adam,

@@ -77,8 +77,8 @@ pub enum TrainerError {
         /// What was given.
         text: String,
     },
-    /// A selection of nodes or cells on the command line that does not parse.
-    #[error("`{option} {text}` cannot be read: {mend}")]
+    /// A value on the command line that does not parse or is out of range.
+    #[error("`{option} {text}` cannot be used: {mend}")]
     Option {
         /// The option.
         option: &'static str,
@@ -129,6 +129,9 @@ pub enum TrainerError {
         /// The run folder.
         run: PathBuf,
     },
+    /// An evaluation stopped by the user.
+    #[error("stopped before the evaluation was finished: what an earlier one wrote is unchanged")]
+    EvaluationStopped,
     /// A surface that cannot be read or written.
     #[error(transparent)]
     Surface(#[from] surface_mesh::SurfaceError),

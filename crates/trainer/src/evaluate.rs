@@ -208,9 +208,7 @@ pub fn simulate(
     let mut results = Vec::with_capacity(wanted.len());
     for shape in wanted {
         if stop_requested() {
-            return Err(TrainerError::Interrupted {
-                run: PathBuf::from("RUN"),
-            });
+            return Err(TrainerError::EvaluationStopped);
         }
         let descriptor = shapes.descriptor(&shape.positions)?;
         let result = evaluator.shape(net, shape, descriptor, None)?;

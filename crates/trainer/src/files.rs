@@ -54,6 +54,30 @@ pub fn create_folder(path: &Path) -> Result<PathBuf> {
     Ok(path.to_path_buf())
 }
 
+/// How names of unfinished files begin: those of this crate, and those of the crates it writes through.
+const UNFINISHED: [&str; 3] = [".part-", ".probe-", ".tmp"];
+/// Random letters that follow.
+const RANDOM_PART: usize = 6;
+
+/// Removes the unfinished files that a killed process left in a folder. Nobody else may be writing there.
+///
+/// # Errors
+/// When one cannot be removed. A folder that does not exist has none.
+pub fn remove_unfinished(folder: &Path) -> Result<()> {
+    let Ok(entries) = std::fs::read_dir(folder) else {
+        return Ok(());
+    };
+    for path in entries.flatten().map(|entry| entry.path()) {
+        let name = path.file_name().unwrap_or_default().to_string_lossy();
+        let is_unfinished =
+            |prefix: &&str| name.starts_with(*prefix) && name.len() == prefix.len() + RANDOM_PART;
+        if path.is_file() && UNFINISHED.iter().any(|p| is_unfinished(p)) {
+            std::fs::remove_file(&path).map_err(file_error("remove", &path))?;
+        }
+    }
+    Ok(())
+}
+
 /// Peak memory of this process so far in MB, where the system tells (Linux).
 pub fn peak_megabytes() -> Option<f64> {
     let status = std::fs::read_to_string("/proc/self/status").ok()?;

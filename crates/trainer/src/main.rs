@@ -8,7 +8,7 @@ use trainer::evaluate::{EvaluationRequest, evaluate, parse_weights};
 use trainer::run::{Run, default_folder};
 use trainer::scene::Scene;
 use trainer::solve::{BodySource, SolveRequest, solve};
-use trainer::train::{table, train};
+use trainer::train::{check, table, train};
 use trainer::{TrainerError, body, stop_on_signal};
 
 /// Trains a neural muscle field that drives a soft body through physics, and simulates it.
@@ -69,12 +69,11 @@ struct SolveArgs {
     #[arg(
         long,
         value_name = "NX,NY,NZ",
-        value_delimiter = ',',
-        num_args = 3,
+        value_parser = parse_cells,
         required_unless_present = "surface",
         requires = "size"
     )]
-    cells: Option<Vec<usize>>,
+    cells: Option<[usize; 3]>,
     /// Edge length of the cubes of --cells.
     #[arg(long, value_name = "H")]
     size: Option<f64>,
@@ -121,13 +120,22 @@ struct SolveArgs {
     out: PathBuf,
 }
 
+fn parse_cells(text: &str) -> Result<[usize; 3], String> {
+    let counts: Result<Vec<usize>, _> = text.split(',').map(|n| n.trim().parse()).collect();
+    let counts = counts.ok().and_then(|c| <[usize; 3]>::try_from(c).ok());
+    counts.ok_or_else(|| "write three whole numbers, such as 32,16,16".into())
+}
+
 fn parse_method(text: &str) -> Result<Method, String> {
     serde_json::from_value(text.into()).map_err(|_| "use local-global, lbfgs or newton".into())
 }
 
 fn main() -> ExitCode {
     let cli = Cli::parse();
-    stop_on_signal();
+    // A solve has no step to stop after: a signal ends it at once, and its files are whole or absent anyway.
+    if !matches!(cli.command, Command::Solve(_)) {
+        stop_on_signal();
+    }
     let done = match cli.command {
         Command::Train(args) => run_train(&args).map(|()| true),
         Command::Eval(args) => run_eval(args).map(|()| true),
@@ -139,7 +147,10 @@ fn main() -> ExitCode {
         Ok(false) => ExitCode::from(3),
         Err(error) => {
             eprintln!("error: {error}");
-            let interrupted = matches!(error, TrainerError::Interrupted { .. });
+            let interrupted = matches!(
+                error,
+                TrainerError::Interrupted { .. } | TrainerError::EvaluationStopped
+            );
             ExitCode::from(if interrupted { 130 } else { 1 })
         }
     }
@@ -156,6 +167,7 @@ fn run_train(args: &TrainArgs) -> trainer::Result<()> {
         let (scene, text) = Scene::read(&args.scene)?;
         let beside = args.scene.parent().map(PathBuf::from).unwrap_or_default();
         let inputs = body::load_shapes(&scene, args.data.as_ref().unwrap_or(&beside))?;
+        check(&scene, &args.scene, &inputs)?;
         let folder = args.out.clone();
         let folder = folder.unwrap_or_else(|| default_folder(&scene.name, false));
         Run::create(&folder, &text, &inputs)?
@@ -217,10 +229,7 @@ fn run_eval(args: EvalArgs) -> trainer::Result<()> {
 
 fn run_solve(args: SolveArgs) -> trainer::Result<bool> {
     let body = match (args.cells, args.size, args.surface, args.element_size) {
-        (Some(cells), Some(size), _, _) => BodySource::Cells {
-            cells: [cells[0], cells[1], cells[2]],
-            size,
-        },
+        (Some(cells), Some(size), _, _) => BodySource::Cells { cells, size },
         (_, _, Some(path), Some(element_size)) => BodySource::Surface { path, element_size },
         _ => unreachable!("clap requires one of the two pairs"),
     };

@@ -14,6 +14,7 @@ pub struct Phase {
     plain: bool,
     last_line: Instant,
     name: String,
+    started: Instant,
 }
 
 impl Phase {
@@ -30,6 +31,7 @@ impl Phase {
             plain: !std::io::stderr().is_terminal(),
             last_line: Instant::now(),
             name: name.to_string(),
+            started: Instant::now(),
         }
     }
 
@@ -50,13 +52,14 @@ impl Phase {
 
     /// Ends the phase with a last word.
     pub fn finish(self, message: &str) {
+        let message = format!("{message} ({:.1} s)", self.started.elapsed().as_secs_f64());
         if self.plain {
             eprintln!("{:>12} {message}", self.name);
         } else {
             let done =
                 ProgressStyle::with_template("{prefix:>12} {msg}").expect("a valid template");
             self.bar.set_style(done);
-            self.bar.finish_with_message(message.to_string());
+            self.bar.finish_with_message(message);
         }
     }
 }

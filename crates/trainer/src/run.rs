@@ -1,7 +1,7 @@
 //! The run folder: everything that a training run reads and writes, so that it can be resumed and evaluated anywhere.
 
 use crate::error::{Result, TrainerError, file_error};
-use crate::files::{create_folder, write_whole};
+use crate::files::{create_folder, remove_unfinished, write_whole};
 use crate::scene::Scene;
 use std::fs::File;
 use std::io::Write;
@@ -37,7 +37,7 @@ impl Run {
         Ok(run)
     }
 
-    /// Opens a run that exists.
+    /// Opens a run that exists, and removes the unfinished files that a killed process left there.
     ///
     /// # Errors
     /// When the folder holds no run, or another process works on it.
@@ -48,7 +48,10 @@ impl Run {
                 problem: "holds no run (no scene.toml): train one first, or give the folder that training printed".into(),
             });
         }
-        Self::lock(folder)
+        let run = Self::lock(folder)?;
+        remove_unfinished(folder)?;
+        remove_unfinished(&run.evaluation_folder())?;
+        Ok(run)
     }
 
     fn lock(folder: &Path) -> Result<Self> {

@@ -19,6 +19,9 @@ pub struct Scene {
     /// Seed of everything that is drawn at random.
     #[serde(default)]
     pub seed: u64,
+    /// Seconds of training between checkpoints; 0 writes one after every step.
+    #[serde(default = "default_checkpoint_seconds")]
+    pub checkpoint_seconds: f64,
     /// The neutral surface.
     pub surface: SurfaceSource,
     /// The target shapes.
@@ -204,6 +207,10 @@ fn default_unit() -> String {
     "units".into()
 }
 
+fn default_checkpoint_seconds() -> f64 {
+    10.0
+}
+
 fn default_samples() -> usize {
     8
 }
@@ -261,6 +268,7 @@ impl Scene {
             ("loss.normal_weight", self.loss.normal_weight),
             ("stage1.learning_rate", self.stage1.learning_rate),
             ("stage2.learning_rate", self.stage2.learning_rate),
+            ("checkpoint_seconds", self.checkpoint_seconds),
         ];
         for (key, value) in not_negative {
             if !(value.is_finite() && value >= 0.0) {

@@ -5,7 +5,7 @@
 //! A = I + sym(b).
 
 use crate::body::Body;
-use crate::error::{Result, TrainerError};
+use crate::error::{Result, TrainerError, file_error};
 use crate::files::{create_folder, peak_megabytes, write_json};
 use crate::npy;
 use hex_mesh::{Axis, HexMesh, NodeRegion, Quadrature};
@@ -16,6 +16,7 @@ use pd_solver::{
 };
 use serde_json::json;
 use std::collections::BTreeSet;
+use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
 /// The body to solve for.
@@ -76,6 +77,7 @@ pub struct SolveOutcome {
 /// When an option does not parse, an input file does not fit, or the output cannot be written. Inputs are read and checked
 /// before anything is written.
 pub fn solve(request: &SolveRequest) -> Result<SolveOutcome> {
+    check_stop(request.stop)?;
     let mesh = build_mesh(request)?;
     let elements = mesh.elements().len();
     let samples = mesh.quadrature().len();
@@ -88,7 +90,6 @@ pub fn solve(request: &SolveRequest) -> Result<SolveOutcome> {
         Some(path) => Some(npy::read_f64(path, &[mesh.nodes().len(), 3])?),
         None => None,
     };
-    let out = create_folder(&request.out)?;
     let mut solver = match Solver::new(&mesh, &effects(request, fixed)) {
         Err(SolverError::NotHeld { .. }) if request.fix.is_empty() => {
             return Err(TrainerError::Option {
@@ -112,6 +113,8 @@ pub fn solve(request: &SolveRequest) -> Result<SolveOutcome> {
         method: request.method,
         max_iterations: request.max_iterations,
     };
+    // Not sooner: what is refused leaves no folder behind. Not later: a long solve must not end in a folder that cannot be written.
+    let out = create_folder(&request.out)?;
     let solution = solver.solve(&parameters, None, &options)?;
     let adjoint = match &cotangent {
         Some(values) => {
@@ -125,6 +128,7 @@ pub fn solve(request: &SolveRequest) -> Result<SolveOutcome> {
     let residual = residual(&mut solver, &parameters, &solution)?;
     write_mesh(&out, &mesh)?;
     npy::write_vectors(&out.join("positions.npy"), &solution.positions)?;
+    remove_stale_gradients(&out)?;
     if let Some(gradient) = adjoint.as_ref().and_then(|a| a.gradient.as_ref()) {
         let flat: Vec<f64> = gradient.actuation.iter().flatten().copied().collect();
         npy::write(
@@ -139,6 +143,40 @@ pub fn solve(request: &SolveRequest) -> Result<SolveOutcome> {
     let stats = stats(&mesh, &solver, &solution, adjoint.as_ref(), residual);
     write_json(&out.join("stats.json"), &stats)?;
     Ok(report(&out, &mesh, &solution, adjoint.as_ref(), residual))
+}
+
+/// Gradients of an earlier solve do not belong to this one.
+fn remove_stale_gradients(out: &Path) -> Result<()> {
+    for name in [
+        "actuation_grad.npy",
+        "prescribed_grad.npy",
+        "prescribed.npy",
+    ] {
+        let path = out.join(name);
+        match std::fs::remove_file(&path) {
+            Err(error) if error.kind() != ErrorKind::NotFound => {
+                return Err(file_error("remove", &path)(error));
+            }
+            _ => {}
+        }
+    }
+    Ok(())
+}
+
+fn check_stop(stop: Option<Stop>) -> Result<()> {
+    let (option, value) = match stop {
+        Some(Stop::Accuracy(length)) => ("--accuracy", length),
+        Some(Stop::RelativeGradient(t)) => ("--rel-grad", t),
+        None => return Ok(()),
+    };
+    if value.is_finite() && value > 0.0 {
+        return Ok(());
+    }
+    Err(TrainerError::Option {
+        option,
+        text: value.to_string(),
+        mend: "give a finite number above zero",
+    })
 }
 
 fn build_mesh(request: &SolveRequest) -> Result<HexMesh> {

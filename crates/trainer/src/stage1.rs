@@ -4,7 +4,7 @@
 //! With F = R S at a sample of the pulled body, A = S makes `F - R(F A) A = F - R A = 0`: the pulled shape has zero energy under
 //! this actuation, so what remains is the softness of the springs and the error of the network.
 
-use crate::body::{Body, Shape};
+use crate::body::{Body, Shape, ShapeSet, Shapes};
 use crate::draw;
 use crate::error::Result;
 use crate::progress::Phase;
@@ -14,6 +14,7 @@ use nalgebra::{Matrix3, Vector3};
 use pd_solver::{
     EffectSpec, SolveOptions, Solver, SpringPoints, Status, Stop, deformation_gradients,
 };
+use rand::Rng;
 
 /// A shape pulled into place, and the actuation that holds it there.
 pub struct Pulled {
@@ -57,6 +58,28 @@ pub fn pull(body: &Body, scene: &Scene, shapes: &[&Shape]) -> Result<Vec<Pulled>
     }
     phase.finish(&word);
     Ok(all)
+}
+
+/// Blends of two to four shapes of the basis with weights in [0, 1], as surfaces and descriptors: what a blendshape rig would show.
+///
+/// Training shapes alone only pin the network at a few codes; these say what it should do between and beyond them.
+pub fn blends(shapes: &Shapes, count: usize, seed: u64) -> (Vec<Shape>, Vec<Vec<f32>>) {
+    let size = shapes.descriptor_size();
+    let one = |index: usize| {
+        let mut generator = draw::generator(seed, 4, index as u64);
+        let members = generator.random_range(2..=4).min(size);
+        let mut weights = vec![0.0; size];
+        for &member in draw::order(&mut generator, size).iter().take(members) {
+            weights[member] = generator.random_range(0.0..=1.0);
+        }
+        let shape = Shape {
+            name: format!("blend {}", index + 1),
+            set: ShapeSet::Blend,
+            positions: shapes.basis_blend(&weights),
+        };
+        (shape, weights.iter().map(|&w| w as f32).collect())
+    };
+    (0..count).map(one).unzip()
 }
 
 /// Elasticity and prescribed nodes of the scene, and a spring at every surface vertex.

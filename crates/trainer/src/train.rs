@@ -1,22 +1,22 @@
 //! Training from a scene to a finished run, resumable at any step.
 
 use crate::body::{Body, Shape, ShapeSet, Shapes};
-use crate::checkpoint::{Checkpoint, Stage, StageError};
+use crate::checkpoint::{Checkpoint, RunningMean, Stage, StageError};
 use crate::error::{Result, TrainerError};
 use crate::evaluate::{self, Evaluator, ShapeResult};
 use crate::files::create_folder;
 use crate::progress::{Phase, stop_requested};
 use crate::run::{Metrics, Run};
-use crate::scene::Scene;
+use crate::scene::{Scene, SurfaceSource};
 use crate::stage1::{self, Pulled, Regression};
 use crate::stage2::{self, Outcome, ThroughSimulator};
 use actuation_net::{ActuationNet, AdamState, NetworkConfig};
 use pd_solver::Solver;
 use serde_json::json;
-use std::time::{Duration, Instant};
+use std::path::Path;
+use std::time::Instant;
+use surface_mesh::MorphedSurface;
 
-/// Between checkpoints.
-const CHECKPOINT_EVERY: Duration = Duration::from_secs(10);
 /// Failed steps in a row that end training.
 const MAX_FAILURES: u64 = 20;
 
@@ -42,6 +42,37 @@ pub fn network_config(scene: &Scene, shapes: &Shapes) -> NetworkConfig {
         latent: scene.network.latent,
         omega: scene.network.omega,
     }
+}
+
+/// Checks what a training run will need before a folder is made for it: that the surface can be meshed, that the scene's shapes,
+/// effects and network fit it, and that there is something to train on.
+///
+/// # Errors
+/// When something does not fit; `path` is the scene file.
+pub fn check(scene: &Scene, path: &Path, inputs: &MorphedSurface) -> Result<()> {
+    let name = match &scene.surface {
+        SurfaceSource::File(file) => file.display().to_string(),
+        SurfaceSource::Starfish(_) => scene.name.clone(),
+    };
+    let mesh = &scene.mesh;
+    let body = Body::new(
+        &name,
+        inputs.surface.clone(),
+        mesh.element_size,
+        mesh.samples,
+    )?;
+    let shapes = Shapes::new(scene, inputs, &body.vertex_weights)?;
+    if shapes.training().is_empty() {
+        return Err(TrainerError::SceneValue {
+            path: path.to_path_buf(),
+            key: "shapes.held_out",
+            value: "every shape".into(),
+            mend: "leave at least one shape to train on",
+        });
+    }
+    network_config(scene, &shapes).validate()?;
+    Solver::new(&body.mesh, &scene.effects)?;
+    Ok(())
 }
 
 /// Trains a run from where it stands to its end, evaluates it, and writes everything into its folder.
@@ -76,6 +107,7 @@ pub fn train(run: &Run) -> Result<Trained> {
             dropped: 0,
             metrics_length: 0,
             seconds: 0.0,
+            epoch_loss: RunningMean::default(),
             stage1_errors: Vec::new(),
             adam: AdamState::new(net.parameter_count()),
             net,
@@ -96,13 +128,17 @@ pub fn train(run: &Run) -> Result<Trained> {
     let descriptors = training.iter().map(|s| shapes.descriptor(&s.positions));
     let descriptors: Vec<Vec<f32>> = descriptors.collect::<Result<_>>()?;
     if session.state.stage == Stage::One {
-        session.stage1(&training, &descriptors)?;
+        session.stage1(&shapes, &training, &descriptors)?;
     }
     if session.state.stage == Stage::Two {
         session.stage2(&training, &descriptors)?;
     }
     let state = session.state;
-    let results = evaluate::simulate(&scene, &body, &shapes, &state.net, &shapes.all)?;
+    let results = evaluate::simulate(&scene, &body, &shapes, &state.net, &shapes.all);
+    let results = results.map_err(|error| match error {
+        TrainerError::EvaluationStopped => interrupted(run),
+        other => other,
+    })?;
     let folder = create_folder(&run.evaluation_folder())?;
     evaluate::write(&folder, &scene, &body, &results, &shapes.all)?;
     crate::sheets::write_losses(run)?;
@@ -113,6 +149,12 @@ pub fn train(run: &Run) -> Result<Trained> {
         dropped: state.dropped,
         diagonal: body.diagonal,
     })
+}
+
+fn interrupted(run: &Run) -> TrainerError {
+    TrainerError::Interrupted {
+        run: run.folder().to_path_buf(),
+    }
 }
 
 /// One process working on a run.
@@ -139,32 +181,39 @@ impl Session<'_> {
     fn between_steps(&mut self) -> Result<()> {
         if stop_requested() {
             self.save()?;
-            return Err(TrainerError::Interrupted {
-                run: self.run.folder().to_path_buf(),
-            });
+            return Err(interrupted(self.run));
         }
-        if self.last_checkpoint.elapsed() >= CHECKPOINT_EVERY {
+        if self.last_checkpoint.elapsed().as_secs_f64() >= self.scene.checkpoint_seconds {
             self.save()?;
         }
         Ok(())
     }
 
-    fn stage1(&mut self, training: &[&Shape], descriptors: &[Vec<f32>]) -> Result<()> {
+    fn stage1(
+        &mut self,
+        shapes: &Shapes,
+        training: &[&Shape],
+        descriptors: &[Vec<f32>],
+    ) -> Result<()> {
         let settings = &self.scene.stage1;
-        let pulled = stage1::pull(self.body, self.scene, training)?;
+        let (blends, more) = stage1::blends(shapes, settings.blends, self.scene.seed);
+        let all: Vec<&Shape> = training.iter().copied().chain(&blends).collect();
+        let all_descriptors: Vec<_> = descriptors.iter().cloned().chain(more).collect();
+        let pulled = stage1::pull(self.body, self.scene, &all)?;
+        let of_training = &pulled[..training.len()];
         if self.state.warm.is_empty() {
-            self.state.warm = pulled.iter().map(|p| p.nodes.clone()).collect();
+            self.state.warm = of_training.iter().map(|p| p.nodes.clone()).collect();
             self.save()?;
         }
         let regression = Regression {
             points: &self.body.points,
-            descriptors,
+            descriptors: &all_descriptors,
             targets: &pulled,
             settings,
             seed: self.scene.seed,
         };
         self.regress(&regression)?;
-        self.measure_stage1(training, descriptors, &pulled)?;
+        self.measure_stage1(training, descriptors, of_training)?;
         self.state.stage = Stage::Two;
         self.state.step = 0;
         self.state.adam = AdamState::new(self.state.net.parameter_count());
@@ -176,15 +225,15 @@ impl Session<'_> {
         let steps = stage1::steps(regression.settings, shapes);
         let per_epoch = shapes.div_ceil(regression.settings.batch) as u64;
         let mut phase = Phase::new("stage 1", steps, self.state.step);
-        let mut mean = Running::default();
         while self.state.step < steps {
             let step = self.state.step;
             let loss = regression.step(&mut self.state.net, &mut self.state.adam, step)?;
-            mean.add(loss);
+            self.state.epoch_loss.add(loss);
             self.state.step += 1;
             if self.state.step % per_epoch == 0 {
                 let epoch = self.state.step / per_epoch;
-                let line = json!({ "stage": 1, "epoch": epoch, "loss": mean.take() });
+                let line =
+                    json!({ "stage": 1, "epoch": epoch, "loss": self.state.epoch_loss.take() });
                 self.metrics.append(&line)?;
             }
             phase.step(|| format!("loss {loss:.2e}"));
@@ -285,26 +334,6 @@ impl Session<'_> {
         self.state.net.save(self.run.model_path())?;
         self.state.stage = Stage::Done;
         self.save()
-    }
-}
-
-/// A mean that starts anew when it is taken.
-#[derive(Default)]
-struct Running {
-    sum: f64,
-    count: u64,
-}
-
-impl Running {
-    fn add(&mut self, value: f64) {
-        self.sum += value;
-        self.count += 1;
-    }
-
-    fn take(&mut self) -> f64 {
-        let mean = self.sum / self.count.max(1) as f64;
-        *self = Self::default();
-        mean
     }
 }
 
