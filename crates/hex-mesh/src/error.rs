@@ -71,6 +71,18 @@ pub enum HexMeshError {
         /// Upper corner of the bounding box.
         max: Vector3<f64>,
     },
+    /// One element is larger than the whole body.
+    #[error("element size {element_size} is larger than the body (bounding box {} to {}); try an element size of {suggested_size}", show(.min), show(.max))]
+    LargerThanBody {
+        /// The size that was asked for.
+        element_size: f64,
+        /// Lower corner of the body's bounding box.
+        min: Vector3<f64>,
+        /// Upper corner of the body's bounding box.
+        max: Vector3<f64>,
+        /// A size of about a third of the body's mean thickness.
+        suggested_size: f64,
+    },
     /// The elements are too large for the body: no cell centre is inside.
     #[error("no cell of size {element_size} has its centre inside the body (bounding box {} to {}); try an element size of {suggested_size}", show(.min), show(.max))]
     NoCells {

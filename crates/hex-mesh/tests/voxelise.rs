@@ -266,8 +266,15 @@ fn sizes_out_of_range_are_refused_with_advice() {
         ));
     }
 
-    // One cell centred on the body still has its centre inside; an anchored one misses it.
-    let missed = voxelise(&surface, &anchored(100.0, Vector3::zeros())).unwrap_err();
+    // One cell centred on the body would have its centre inside.
+    let refused = refusal(&surface, 2.1);
+    let HexMeshError::LargerThanBody { suggested_size, .. } = refused else {
+        panic!("{refused}")
+    };
+    assert!(voxels(&surface, suggested_size).mesh.elements().len() > 50);
+
+    // Eight cells with their common corner at the body's centre miss it.
+    let missed = voxelise(&surface, &anchored(1.9, Vector3::zeros())).unwrap_err();
     let HexMeshError::NoCells {
         min,
         suggested_size,

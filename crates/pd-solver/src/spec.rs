@@ -3,7 +3,10 @@
 use crate::error::SolverError;
 use hex_mesh::{EmbeddedPoint, HexMesh, NodeRegion};
 use nalgebra::Vector3;
-use serde::{Deserialize, Serialize};
+use serde::de::value::{MapAccessDeserializer, SeqAccessDeserializer};
+use serde::de::{MapAccess, SeqAccess, Visitor};
+use serde::{Deserialize, Deserializer, Serialize};
+use std::fmt::Formatter;
 
 /// One effect of a scene. What is not listed allocates nothing, adds no matrix entry, and has no branch in any loop.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -54,13 +57,36 @@ fn unit() -> f64 {
 }
 
 /// A set of nodes, by region of the rest shape or one by one.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize)]
 #[serde(untagged)]
 pub enum NodeSet {
     /// Node indices, in the order in which their positions will be given.
     Indices(Vec<u32>),
     /// All nodes in a region, by rising index.
     Region(NodeRegion),
+}
+
+// Not derived: serde's own error for an untagged enum does not tell what is wrong with a region.
+impl<'de> Deserialize<'de> for NodeSet {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        struct ListOrTable;
+        impl<'de> Visitor<'de> for ListOrTable {
+            type Value = NodeSet;
+
+            fn expecting(&self, f: &mut Formatter) -> std::fmt::Result {
+                f.write_str("a region such as { type = \"box\", min = [..], max = [..] }, or a list of node indices")
+            }
+
+            fn visit_seq<A: SeqAccess<'de>>(self, list: A) -> Result<NodeSet, A::Error> {
+                Vec::deserialize(SeqAccessDeserializer::new(list)).map(NodeSet::Indices)
+            }
+
+            fn visit_map<A: MapAccess<'de>>(self, table: A) -> Result<NodeSet, A::Error> {
+                NodeRegion::deserialize(MapAccessDeserializer::new(table)).map(NodeSet::Region)
+            }
+        }
+        deserializer.deserialize_any(ListOrTable)
+    }
 }
 
 impl NodeSet {
@@ -87,8 +113,8 @@ impl NodeSet {
     }
 }
 
-/// Where springs hold on to the body.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+/// Where springs hold on to the body. Files can only name nodes.
+#[derive(Debug, Clone, PartialEq, Serialize)]
 #[serde(untagged)]
 pub enum SpringPoints {
     /// At nodes.
@@ -101,6 +127,12 @@ pub enum SpringPoints {
         /// One factor per point.
         factors: Vec<f64>,
     },
+}
+
+impl<'de> Deserialize<'de> for SpringPoints {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        NodeSet::deserialize(deserializer).map(Self::Nodes)
+    }
 }
 
 /// Everything that may change from solve to solve. [`Solver::rest_parameters`](crate::Solver::rest_parameters) gives one that fits.

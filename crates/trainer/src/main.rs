@@ -56,7 +56,7 @@ struct EvalArgs {
     #[arg(long, value_name = "LIST")]
     weights: Vec<String>,
     /// Another element size than that of training.
-    #[arg(long, value_name = "H")]
+    #[arg(long, value_name = "H", allow_hyphen_values = true)]
     element_size: Option<f64>,
     /// Where to write (RUN/evaluation unless given).
     #[arg(long, value_name = "DIR")]
@@ -75,7 +75,7 @@ struct SolveArgs {
     )]
     cells: Option<[usize; 3]>,
     /// Edge length of the cubes of --cells.
-    #[arg(long, value_name = "H")]
+    #[arg(long, value_name = "H", allow_hyphen_values = true)]
     size: Option<f64>,
     /// The inside of a closed surface (OBJ, glTF, GLB).
     #[arg(
@@ -86,10 +86,10 @@ struct SolveArgs {
     )]
     surface: Option<PathBuf>,
     /// Edge length of the elements of --surface.
-    #[arg(long, value_name = "H")]
+    #[arg(long, value_name = "H", allow_hyphen_values = true)]
     element_size: Option<f64>,
     /// Samples per element: 1, 8 or 27.
-    #[arg(long, default_value_t = 8)]
+    #[arg(long, default_value_t = 8, allow_negative_numbers = true)]
     samples: usize,
     /// Nodes held at rest: x=0, y=max, z>0.9 and the like; may be given several times.
     #[arg(long, value_name = "SELECTION", allow_hyphen_values = true)]
@@ -98,19 +98,24 @@ struct SolveArgs {
     #[arg(long, value_name = "FILE.npy")]
     actuation: Option<PathBuf>,
     /// Stop when no node is estimated to be farther than this from its final place.
-    #[arg(long, value_name = "LENGTH", conflicts_with = "rel_grad")]
+    #[arg(
+        long,
+        value_name = "LENGTH",
+        allow_hyphen_values = true,
+        conflicts_with = "rel_grad"
+    )]
     accuracy: Option<f64>,
     /// Stop when |g| <= T |g at rest| over the free nodes.
-    #[arg(long, value_name = "T")]
+    #[arg(long, value_name = "T", allow_hyphen_values = true)]
     rel_grad: Option<f64>,
     /// local-global, lbfgs or newton.
     #[arg(long, default_value = "lbfgs", value_parser = parse_method)]
     method: Method,
     /// Limit of iterations.
-    #[arg(long, default_value_t = 2000)]
+    #[arg(long, default_value_t = 2000, allow_negative_numbers = true)]
     max_iterations: usize,
     /// Energy per volume for a unit misfit.
-    #[arg(long, default_value_t = 1.0)]
+    #[arg(long, default_value_t = 1.0, allow_hyphen_values = true)]
     stiffness: f64,
     /// Gradient of a loss by the positions: float64 [nodes, 3]; writes actuation_grad.npy.
     #[arg(long, value_name = "FILE.npy")]

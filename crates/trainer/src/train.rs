@@ -15,7 +15,7 @@ use pd_solver::Solver;
 use serde_json::json;
 use std::path::Path;
 use std::time::Instant;
-use surface_mesh::MorphedSurface;
+use surface_mesh::{MorphTarget, MorphedSurface};
 
 /// Failed steps in a row that end training.
 const MAX_FAILURES: u64 = 20;
@@ -54,6 +54,15 @@ pub fn check(scene: &Scene, path: &Path, inputs: &MorphedSurface) -> Result<()> 
         SurfaceSource::File(file) => file.display().to_string(),
         SurfaceSource::Starfish(_) => scene.name.clone(),
     };
+    let is_held_out = |target: &MorphTarget| scene.shapes.held_out.contains(&target.name);
+    if inputs.targets.iter().all(is_held_out) {
+        return Err(TrainerError::SceneValue {
+            path: path.to_path_buf(),
+            key: "shapes.held_out",
+            value: "every shape".into(),
+            mend: "leave at least one shape to train on",
+        });
+    }
     let mesh = &scene.mesh;
     let body = Body::new(
         &name,
@@ -62,14 +71,6 @@ pub fn check(scene: &Scene, path: &Path, inputs: &MorphedSurface) -> Result<()> 
         mesh.samples,
     )?;
     let shapes = Shapes::new(scene, inputs, &body.vertex_weights)?;
-    if shapes.training().is_empty() {
-        return Err(TrainerError::SceneValue {
-            path: path.to_path_buf(),
-            key: "shapes.held_out",
-            value: "every shape".into(),
-            mend: "leave at least one shape to train on",
-        });
-    }
     network_config(scene, &shapes).validate()?;
     Solver::new(&body.mesh, &scene.effects)?;
     Ok(())

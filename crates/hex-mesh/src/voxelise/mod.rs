@@ -77,12 +77,23 @@ pub struct Voxelised {
 ///
 /// # Errors
 /// [`HexMeshError::ElementSize`], [`HexMeshError::VertexNotFinite`], [`HexMeshError::OpenSurface`], [`HexMeshError::Origin`],
-/// [`HexMeshError::TooManyCells`], and [`HexMeshError::NoCells`] or [`HexMeshError::FlatSurface`] when no centre is inside.
+/// [`HexMeshError::TooManyCells`], [`HexMeshError::LargerThanBody`] when one cell is larger than the bounding box, and
+/// [`HexMeshError::NoCells`] or [`HexMeshError::FlatSurface`] when no centre is inside.
 pub fn voxelise(surface: &Surface, options: &VoxelOptions) -> Result<Voxelised, HexMeshError> {
     let size = options.element_size;
     check_element_size(size)?;
     check_closed(surface.vertices(), surface.triangles())?;
     let (min, max) = bounding_box(surface);
+    // A centred cell of any size has its centre inside a convex body.
+    if size > (max - min).max() {
+        let advice = suggested_size(surface, size, min, max)?;
+        return Err(HexMeshError::LargerThanBody {
+            element_size: size,
+            min,
+            max,
+            suggested_size: advice,
+        });
+    }
     let grid = match options.origin {
         None => CellGrid::centred(min, max, size)?,
         Some(origin) => CellGrid::anchored(min, max, size, origin)?,
@@ -91,7 +102,13 @@ pub fn voxelise(surface: &Surface, options: &VoxelOptions) -> Result<Voxelised, 
     let votes = InsideVotes::new(&grid.centres(), surface.vertices(), surface.triangles());
     let pieces = Pieces::new(grid.counts, |cell| votes.is_inside(cell));
     let Some(largest) = pieces.largest() else {
-        return Err(nothing_inside(surface, size, min, max));
+        let advice = suggested_size(surface, size, min, max)?;
+        return Err(HexMeshError::NoCells {
+            element_size: size,
+            min,
+            max,
+            suggested_size: advice,
+        });
     };
     let kept = |piece: usize| options.keep == Keep::All || piece == largest;
 
@@ -145,22 +162,17 @@ fn bounding_box(surface: &Surface) -> (Vector3<f64>, Vector3<f64>) {
 }
 
 #[cold]
-fn nothing_inside(
+fn suggested_size(
     surface: &Surface,
     element_size: f64,
     min: Vector3<f64>,
     max: Vector3<f64>,
-) -> HexMeshError {
+) -> Result<f64, HexMeshError> {
     // Volume over area is half the thickness of a plate and a third of the radius of a ball.
     let thickness = surface.signed_volume().abs() / surface.area();
     // Without any area the thickness is NaN.
     if thickness.is_nan() || thickness <= 1e-12 * (max - min).norm() {
-        return HexMeshError::FlatSurface { min, max };
+        return Err(HexMeshError::FlatSurface { min, max });
     }
-    HexMeshError::NoCells {
-        element_size,
-        min,
-        max,
-        suggested_size: thickness.min(0.5 * element_size),
-    }
+    Ok(thickness.min(0.5 * element_size))
 }
