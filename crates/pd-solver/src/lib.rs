@@ -29,6 +29,7 @@ mod error;
 mod krylov;
 mod methods;
 mod ordering;
+mod panel;
 mod problem;
 mod solution;
 mod solver;
@@ -44,3 +45,7 @@ pub use solution::{
 pub use solver::Solver;
 pub use spec::{EffectSpec, NodeSet, Parameters, SpringPoints};
 pub use vector::NodalVector;
+
+#[cfg(doctest)]
+#[doc = include_str!("../README.md")]
+struct ReadmeExample;
