@@ -330,6 +330,11 @@ fn what_did_not_converge_says_so() {
     ] {
         assert!(!bench.path("D").join(name).exists(), "{name}");
     }
+    bench.write_actuation(&[1e160; ELEMENTS * SAMPLES * 6]);
+    assert_eq!(bench.solve("--rel-grad 1e-10", "D").code, Some(3));
+    let stats = json(&bench.path("D/stats.json"));
+    assert_eq!(stats["status"], "not_finite");
+    assert!(stats["residual"].is_null() && stats["energy"].is_null());
     assert_eq!(check("solve --nonsense").code, Some(2));
     assert_eq!(check("--version").code, Some(0));
     assert_eq!(check("solve --help").code, Some(0));

@@ -71,7 +71,7 @@ pub fn remove_unfinished(folder: &Path) -> Result<()> {
         let name = path.file_name().unwrap_or_default().to_string_lossy();
         let is_unfinished =
             |prefix: &&str| name.starts_with(*prefix) && name.len() == prefix.len() + RANDOM_PART;
-        if path.is_file() && UNFINISHED.iter().any(|p| is_unfinished(p)) {
+        if path.is_file() && UNFINISHED.iter().any(is_unfinished) {
             std::fs::remove_file(&path).map_err(file_error("remove", &path))?;
         }
     }

@@ -283,9 +283,12 @@ fn residual(solver: &mut Solver, parameters: &Parameters, solution: &Solution) -
     Ok([solution.stats.gradient_norm, norm])
 }
 
-/// |g| over |g at rest|, or |g| itself where the rest shape is an equilibrium.
+/// |g| over |g at rest|, or |g| itself where the rest shape is an equilibrium; NaN, which JSON writes as null, where |g at rest| is
+/// infinite.
 fn relative([at_result, at_rest]: [f64; 2]) -> f64 {
-    if at_rest > 0.0 {
+    if !at_rest.is_finite() {
+        f64::NAN
+    } else if at_rest > 0.0 {
         at_result / at_rest
     } else {
         at_result

@@ -28,7 +28,7 @@ pub struct Step {
 /// What came of a step.
 pub enum Outcome {
     /// The parameters moved.
-    Stepped(Step),
+    Stepped(Box<Step>),
     /// Nothing changed, for this reason.
     Dropped(String),
 }
@@ -127,13 +127,13 @@ impl ThroughSimulator<'_> {
         let reached = self.body.surface_positions(&solution.positions);
         let (mean_error, _, _) = distances(&reached, target);
         warm[shape] = solution.positions;
-        Ok(Outcome::Stepped(Step {
+        Ok(Outcome::Stepped(Box::new(Step {
             shape,
             loss: value,
             mean_error,
             forward: solution.stats,
             adjoint: adjoint.stats,
-        }))
+        })))
     }
 }
 

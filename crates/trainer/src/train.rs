@@ -231,7 +231,7 @@ impl Session<'_> {
             let loss = regression.step(&mut self.state.net, &mut self.state.adam, step)?;
             self.state.epoch_loss.add(loss);
             self.state.step += 1;
-            if self.state.step % per_epoch == 0 {
+            if self.state.step.is_multiple_of(per_epoch) {
                 let epoch = self.state.step / per_epoch;
                 let line =
                     json!({ "stage": 1, "epoch": epoch, "loss": self.state.epoch_loss.take() });
