@@ -5,16 +5,16 @@
 
 use crate::error::SolverError;
 use crate::ordering::nested_dissection;
+use crate::panel::{PanelFactor, Row};
 use crate::vector::NodalVector;
 use faer::dyn_stack::{MemBuffer, MemStack};
 use faer::perm::PermRef;
 use faer::sparse::linalg::SupernodalThreshold;
 use faer::sparse::linalg::cholesky::{
-    CholeskySymbolicParams, LltRef, SymbolicCholesky, SymmetricOrdering,
-    factorize_symbolic_cholesky,
+    CholeskySymbolicParams, SymmetricOrdering, factorize_symbolic_cholesky,
 };
 use faer::sparse::{SparseColMatRef, SymbolicSparseColMatRef};
-use faer::{Conj, Mat, Par, Side};
+use faer::{Par, Side};
 use nalgebra::Vector3;
 use sprs::{CsMat, TriMat};
 
@@ -65,12 +65,12 @@ impl<'a> ConstantMatrix<'a> {
 /// The factored constant matrix and the map between nodes and its rows.
 pub(crate) struct ConstantSystem {
     free: Vec<u32>,
-    symbolic: SymbolicCholesky<usize>,
-    values: Vec<f64>,
-    diagonal: Vec<f64>,
+    /// The free nodes in the order of the factor.
+    elimination: Vec<u32>,
+    factor: PanelFactor,
+    stiffest: f64,
     nonzeros: usize,
-    right_hand_sides: Mat<f64>,
-    scratch: MemBuffer,
+    rows: Vec<Row>,
 }
 
 impl ConstantSystem {
@@ -124,36 +124,31 @@ impl ConstantSystem {
                 Default::default(),
             )
             .map_err(|e| failed(e.to_string()))?;
-        let scratch = MemBuffer::new(symbolic.solve_in_place_scratch::<f64>(3, Par::Seq));
-        let diagonal = (0..n).map(|i| lower.get(i, i).copied().unwrap_or(0.0));
+        let factor = PanelFactor::new(&symbolic, &values)
+            .ok_or_else(|| failed("the factor is not supernodal".into()))?;
+        let permutation = symbolic.perm().expect("an order was given");
+        let order = permutation.arrays().0;
+        let diagonal = (0..n).filter_map(|i| lower.get(i, i).copied());
         Ok(Self {
-            diagonal: diagonal.collect(),
+            elimination: order.iter().map(|&i| free[i]).collect(),
+            stiffest: diagonal.fold(0.0, f64::max),
             nonzeros: lower.nnz(),
-            right_hand_sides: Mat::zeros(n, 3),
+            rows: vec![[0.0; 4]; n],
             free,
-            symbolic,
-            values,
-            scratch,
+            factor,
         })
     }
 
     /// `out = K^-1 r` on the free nodes, zero on the prescribed ones.
     pub(crate) fn solve(&mut self, r: &[Vector3<f64>], out: &mut NodalVector) {
-        for (row, &node) in self.free.iter().enumerate() {
-            for axis in 0..3 {
-                self.right_hand_sides[(row, axis)] = r[node as usize][axis];
-            }
+        for (row, &node) in self.rows.iter_mut().zip(&self.elimination) {
+            let r = &r[node as usize];
+            *row = [r.x, r.y, r.z, 0.0];
         }
-        LltRef::new(&self.symbolic, &self.values).solve_in_place_with_conj(
-            Conj::No,
-            self.right_hand_sides.as_mut(),
-            Par::Seq,
-            MemStack::new(&mut self.scratch),
-        );
+        self.factor.solve(&mut self.rows);
         out.fill(Vector3::zeros());
-        for (row, &node) in self.free.iter().enumerate() {
-            let x = &self.right_hand_sides;
-            out[node as usize] = Vector3::new(x[(row, 0)], x[(row, 1)], x[(row, 2)]);
+        for (row, &node) in self.rows.iter().zip(&self.elimination) {
+            out[node as usize] = Vector3::new(row[0], row[1], row[2]);
         }
     }
 
@@ -169,11 +164,11 @@ impl ConstantSystem {
 
     /// Stored entries of the factor.
     pub(crate) fn factor_entries(&self) -> usize {
-        self.values.len()
+        self.factor.entries()
     }
 
     /// Largest diagonal entry: force per length of the stiffest node.
     pub(crate) fn stiffness_scale(&self) -> f64 {
-        self.diagonal.iter().copied().fold(0.0, f64::max)
+        self.stiffest
     }
 }

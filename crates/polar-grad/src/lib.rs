@@ -40,6 +40,8 @@ struct Readme;
 
 mod gradient;
 mod hessian;
+#[cfg(feature = "simd")]
+pub mod lanes;
 mod linear;
 mod polar;
 mod scaling;

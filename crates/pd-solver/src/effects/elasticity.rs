@@ -3,12 +3,17 @@
 
 use super::Effect;
 use super::hourglass::Hourglass;
+use super::kernel::{
+    Actuation, GROUP, Linearisation, SampleGroup, deformation_gradient, energy_gradient,
+    hessian_product, no_forces,
+};
 use crate::constant::ConstantMatrix;
 use crate::spec::Parameters;
 use crate::vector::NodalVector;
 use hex_mesh::{HexMesh, NodeElements};
 use nalgebra::{Matrix3, Vector3};
-use polar_grad::{Filter, HessianCore, actuation_from_b, actuation_vjp, polar_rotation};
+use polar_grad::{Filter, HessianCore, actuation_vjp};
+use pulp::{Arch, Simd, WithSimd};
 use rayon::prelude::*;
 
 /// Elements per task: large enough to hide the scheduling, small enough to balance two cores on a thousand elements.
@@ -25,10 +30,15 @@ pub(crate) struct Elasticity {
     gradients: Vec<Corners>,
     /// Stiffness times volume share of each sample.
     weights: Vec<f64>,
+    /// The same, side by side for the kernels.
+    groups: Vec<SampleGroup>,
     /// Holds the modes that a single sample does not see.
     hourglass: Option<Hourglass>,
-    actuation: Vec<Matrix3<f64>>,
-    cores: Vec<HessianCore>,
+    /// `[elements * groups]`.
+    actuation: Vec<Actuation>,
+    /// `[elements * groups]`, empty before the first linearisation.
+    linearisation: Vec<Linearisation>,
+    smallest_pair_sum: Option<f64>,
     forces: Vec<Corners>,
 }
 
@@ -39,40 +49,46 @@ impl Elasticity {
         let gradients = rule.gradients(mesh.element_size());
         let weights: Vec<f64> = rule.weights.iter().map(|w| w * scale).collect();
         let hourglass = (rule.len() == 1).then(|| Hourglass::new(mesh.element_size(), scale));
-        let samples = mesh.elements().len() * rule.len();
+        let groups = SampleGroup::all(&gradients, &weights);
+        let elements = mesh.elements().to_vec();
+        let at_rest = Actuation::new(&[[0.0; 6]]);
         Self {
-            elements: mesh.elements().to_vec(),
             incidence: mesh.node_elements(),
+            actuation: vec![at_rest; elements.len() * groups.len()],
+            linearisation: Vec::new(),
+            smallest_pair_sum: None,
+            forces: vec![no_forces(); elements.len()],
+            elements,
             gradients,
             weights,
+            groups,
             hourglass,
-            actuation: vec![Matrix3::identity(); samples],
-            cores: Vec::new(),
-            forces: vec![Corners::default(); mesh.elements().len()],
         }
     }
 
-    /// Runs `kernel(element, corners of x, forces)` over all elements, adds the forces to the nodes, returns the sum of what
-    /// the kernel returns. Sums are taken in a fixed order, so the result does not depend on the number of threads.
+    /// Runs `kernel` over all elements, adds the forces to the nodes, and returns the sum of the energies. Sums are taken in a
+    /// fixed order, so the result does not depend on the number of threads.
     fn over_elements(
         &mut self,
         x: &[Vector3<f64>],
         out: &mut NodalVector,
-        kernel: impl Fn(&Self, usize, &Corners, &mut Corners) -> f64 + Sync,
+        kernel: impl ElementKernel,
     ) -> f64 {
         let mut forces = std::mem::take(&mut self.forces);
         let this = &*self;
+        let arch = Arch::new();
         let partial: Vec<f64> = forces
             .par_chunks_mut(CHUNK)
             .enumerate()
             .map(|(chunk, forces)| {
-                let mut sum = 0.0;
-                for (i, force) in forces.iter_mut().enumerate() {
-                    let element = chunk * CHUNK + i;
-                    *force = Corners::default();
-                    sum += kernel(this, element, &this.gather(element, x), force);
-                }
-                sum
+                let first = chunk * CHUNK;
+                arch.dispatch(OverChunk {
+                    this,
+                    kernel: &kernel,
+                    first,
+                    x,
+                    forces,
+                })
             })
             .collect();
         out.par_iter_mut()
@@ -87,6 +103,7 @@ impl Elasticity {
         partial.iter().sum()
     }
 
+    #[inline(always)]
     fn gather(&self, element: usize, x: &[Vector3<f64>]) -> Corners {
         self.elements[element].map(|node| x[node as usize])
     }
@@ -95,8 +112,98 @@ impl Elasticity {
         self.weights.len()
     }
 
-    fn add_hourglass(&self, x: &Corners, force: &mut Corners) -> f64 {
-        self.hourglass.as_ref().map_or(0.0, |h| h.add(x, force))
+    /// The core of one sample, exact.
+    fn core(&self, element: usize, sample: usize, x: &Corners) -> (Matrix3<f64>, HessianCore) {
+        let f = deformation_gradient(x, &self.gradients[sample]);
+        let group = element * self.groups.len() + sample / GROUP;
+        let a = self.actuation[group].matrix(sample % GROUP);
+        (f, HessianCore::new(&f, &a))
+    }
+}
+
+/// What is done in one element: forces from corner values, and an energy where there is one.
+trait ElementKernel: Sync {
+    fn run<S: Simd>(
+        &self,
+        simd: S,
+        this: &Elasticity,
+        element: usize,
+        x: &Corners,
+        force: &mut Corners,
+    ) -> f64;
+}
+
+/// Energy and its gradient.
+struct EnergyGradient;
+
+impl ElementKernel for EnergyGradient {
+    #[inline(always)]
+    fn run<S: Simd>(
+        &self,
+        simd: S,
+        this: &Elasticity,
+        element: usize,
+        x: &Corners,
+        force: &mut Corners,
+    ) -> f64 {
+        let first = element * this.groups.len();
+        let groups = this.groups.iter().zip(&this.actuation[first..]);
+        let mut energy = 0.0;
+        for (group, actuation) in groups {
+            energy += energy_gradient(simd, group, actuation, x, force);
+        }
+        energy
+    }
+}
+
+/// The product of the Hessian with a direction.
+struct HessianProduct;
+
+impl ElementKernel for HessianProduct {
+    #[inline(always)]
+    fn run<S: Simd>(
+        &self,
+        simd: S,
+        this: &Elasticity,
+        element: usize,
+        x: &Corners,
+        force: &mut Corners,
+    ) -> f64 {
+        let first = element * this.groups.len();
+        let states = this.actuation[first..]
+            .iter()
+            .zip(&this.linearisation[first..]);
+        for (group, (actuation, at)) in this.groups.iter().zip(states) {
+            hessian_product(simd, group, actuation, at, x, force);
+        }
+        0.0
+    }
+}
+
+/// A kernel over the elements of one task.
+struct OverChunk<'a, K> {
+    this: &'a Elasticity,
+    kernel: &'a K,
+    first: usize,
+    x: &'a [Vector3<f64>],
+    forces: &'a mut [Corners],
+}
+
+impl<K: ElementKernel> WithSimd for OverChunk<'_, K> {
+    type Output = f64;
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) -> f64 {
+        let mut sum = 0.0;
+        for (i, force) in self.forces.iter_mut().enumerate() {
+            let x = self.this.gather(self.first + i, self.x);
+            *force = no_forces();
+            if let Some(hourglass) = &self.this.hourglass {
+                sum += hourglass.add(&x, force);
+            }
+            sum += self.kernel.run(simd, self.this, self.first + i, &x, force);
+        }
+        sum
     }
 }
 
@@ -109,15 +216,6 @@ pub(super) fn stiffness_block(gradients: &[Corners], weights: &[f64]) -> [[f64; 
     std::array::from_fn(|a| std::array::from_fn(|b| entry(a, b)))
 }
 
-/// F = sum_n x_n (dw_n/dx)^T, the deformation gradient when `x` holds positions.
-fn deformation_gradient(x: &Corners, g: &Corners) -> Matrix3<f64> {
-    let mut f = Matrix3::zeros();
-    for (x, g) in x.iter().zip(g) {
-        f.ger(1.0, x, g, 1.0);
-    }
-    f
-}
-
 /// The deformation gradient at every sample, `[elements * samples]`, for positions of all nodes.
 ///
 /// # Panics
@@ -127,17 +225,12 @@ pub fn deformation_gradients(mesh: &HexMesh, positions: &[Vector3<f64>]) -> Vec<
     let gradients = mesh.quadrature().gradients(mesh.element_size());
     let of_element = |nodes: &[u32; 8]| {
         let x = nodes.map(|node| positions[node as usize]);
-        gradients.iter().map(move |g| deformation_gradient(&x, g)).collect::<Vec<_>>()
+        gradients
+            .iter()
+            .map(move |g| deformation_gradient(&x, g))
+            .collect::<Vec<_>>()
     };
     mesh.elements().iter().flat_map(of_element).collect()
-}
-
-/// Adds `w P g_n` to the force of every corner: the transpose of [`deformation_gradient`].
-fn scatter(p: &Matrix3<f64>, w: f64, g: &Corners, force: &mut Corners) {
-    let p = p * w;
-    for (force, g) in force.iter_mut().zip(g) {
-        *force += p * g;
-    }
 }
 
 impl Effect for Elasticity {
@@ -152,62 +245,53 @@ impl Effect for Elasticity {
     }
 
     fn set_parameters(&mut self, parameters: &Parameters) {
+        let (samples, groups) = (self.samples(), self.groups.len());
         self.actuation
-            .par_iter_mut()
-            .zip(&parameters.actuation)
-            .with_min_len(1024)
-            .for_each(|(a, b)| *a = actuation_from_b(b));
+            .par_chunks_mut(groups)
+            .zip(parameters.actuation.par_chunks(samples))
+            .with_min_len(CHUNK)
+            .for_each(|(out, b)| {
+                for (out, b) in out.iter_mut().zip(b.chunks(GROUP)) {
+                    *out = Actuation::new(b);
+                }
+            });
     }
 
     fn energy_gradient(&mut self, u: &[Vector3<f64>], gradient: &mut NodalVector) -> f64 {
-        self.over_elements(u, gradient, |this, element, x, force| {
-            let mut energy = this.add_hourglass(x, force);
-            let first = element * this.samples();
-            for (q, (g, &w)) in this.gradients.iter().zip(&this.weights).enumerate() {
-                let f = deformation_gradient(x, g);
-                let a = &this.actuation[first + q];
-                let p = f - polar_rotation(&(f * a)) * a;
-                energy += 0.5 * w * p.norm_squared();
-                scatter(&p, w, g, force);
-            }
-            energy
-        })
+        self.over_elements(u, gradient, EnergyGradient)
     }
 
     fn linearise(&mut self, u: &[Vector3<f64>], filter: Filter) {
-        let mut cores = std::mem::take(&mut self.cores);
-        let samples = self.samples();
-        let unset = HessianCore::new(&Matrix3::identity(), &Matrix3::identity());
-        cores.resize(self.actuation.len(), unset);
+        let groups = self.groups.len();
+        let linearise = |this: &Self, element: usize| {
+            let x = this.gather(element, u);
+            let cores: Vec<HessianCore> = (0..this.samples())
+                .map(|q| this.core(element, q, &x).1.filtered(filter))
+                .collect();
+            let sums = cores.iter().map(|c| c.gradient.smallest_pair_sum);
+            let smallest = sums.fold(f64::INFINITY, f64::min);
+            let of_groups: Vec<_> = cores.chunks(GROUP).map(Linearisation::new).collect();
+            (of_groups, smallest)
+        };
+        let mut all = std::mem::take(&mut self.linearisation);
+        all.resize(self.actuation.len(), Linearisation::unset());
         let this = &*self;
-        cores
-            .par_chunks_mut(samples)
+        let smallest = all
+            .par_chunks_mut(groups)
             .with_min_len(CHUNK)
             .enumerate()
-            .for_each(|(element, cores)| {
-                let x = this.gather(element, u);
-                for (q, (core, g)) in cores.iter_mut().zip(&this.gradients).enumerate() {
-                    let a = &this.actuation[element * samples + q];
-                    let exact = HessianCore::new(&deformation_gradient(&x, g), a);
-                    *core = match filter {
-                        Filter::Exact => exact,
-                        other => exact.filtered(other),
-                    };
-                }
-            });
-        self.cores = cores;
+            .map(|(element, out)| {
+                let (new, smallest) = linearise(this, element);
+                out.copy_from_slice(&new);
+                smallest
+            })
+            .reduce(|| f64::INFINITY, f64::min);
+        self.linearisation = all;
+        self.smallest_pair_sum = Some(smallest);
     }
 
     fn hessian_product(&mut self, x: &[Vector3<f64>], out: &mut NodalVector) {
-        self.over_elements(x, out, |this, element, x, force| {
-            this.add_hourglass(x, force);
-            let first = element * this.samples();
-            for (q, (g, &w)) in this.gradients.iter().zip(&this.weights).enumerate() {
-                let d_p = this.cores[first + q].apply(&deformation_gradient(x, g));
-                scatter(&d_p, w, g, force);
-            }
-            0.0
-        });
+        self.over_elements(x, out, HessianProduct);
     }
 
     fn parameter_vjp(&mut self, u: &[Vector3<f64>], z: &[Vector3<f64>], out: &mut Parameters) {
@@ -219,10 +303,9 @@ impl Effect for Elasticity {
             .for_each(|(element, out)| {
                 let (x, z) = (this.gather(element, u), this.gather(element, z));
                 for (q, out) in out.iter_mut().enumerate() {
-                    let g = &this.gradients[q];
-                    let core = &this.cores[element * samples + q];
-                    let (f, y) = (deformation_gradient(&x, g), deformation_gradient(&z, g));
-                    let b_bar = actuation_vjp(core, &f, &y);
+                    let (f, core) = this.core(element, q, &x);
+                    let y = deformation_gradient(&z, &this.gradients[q]);
+                    let b_bar = actuation_vjp(&core, &f, &y);
                     for (out, b) in out.iter_mut().zip(b_bar) {
                         *out += this.weights[q] * b;
                     }
@@ -231,12 +314,11 @@ impl Effect for Elasticity {
     }
 
     fn projections(&self) -> u64 {
-        self.actuation.len() as u64
+        (self.elements.len() * self.samples()) as u64
     }
 
     fn smallest_pair_sum(&self) -> Option<f64> {
-        let sums = self.cores.iter().map(|c| c.gradient.smallest_pair_sum);
-        sums.reduce(f64::min)
+        self.smallest_pair_sum
     }
 
     fn bytes(&self) -> usize {
@@ -244,7 +326,7 @@ impl Effect for Elasticity {
             + size_of_val(self.incidence.corners())
             + size_of_val(self.incidence.offsets())
             + size_of_val(self.actuation.as_slice())
-            + self.cores.capacity() * size_of::<HessianCore>()
+            + size_of_val(self.linearisation.as_slice())
             + size_of_val(self.forces.as_slice())
     }
 }

@@ -3,6 +3,7 @@
 mod elasticity;
 mod gravity;
 mod hourglass;
+mod kernel;
 mod springs;
 
 use crate::constant::ConstantMatrix;
