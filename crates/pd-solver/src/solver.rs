@@ -143,7 +143,8 @@ impl Solver {
         };
         let mut u = start;
         problem.impose(parameters, &mut u);
-        let mut outcome = run(problem, options.method, &mut u, &target, options);
+        // Inside the thread pool from here on: every parallel loop would otherwise wake it from outside.
+        let mut outcome = rayon::scope(|_| run(problem, options.method, &mut u, &target, options));
         let mut method = options.method;
         let fell_back = outcome.status == Status::Stalled && method == Method::Lbfgs;
         if fell_back {
@@ -153,7 +154,7 @@ impl Solver {
                 max_iterations: options.max_iterations.saturating_sub(done),
                 ..*options
             };
-            outcome = run(problem, method, &mut u, &target, &rest);
+            outcome = rayon::scope(|_| run(problem, method, &mut u, &target, &rest));
             outcome.iterations += done;
         }
         Ok(Solution {
