@@ -187,7 +187,8 @@ pub struct Shapes {
     /// All target shapes, in file order.
     pub all: Vec<Shape>,
     basis: BlendBasis,
-    basis_deltas: Vec<Vec<Vector3<f64>>>,
+    /// Which of all shapes, all of them trained on.
+    basis_indices: Vec<usize>,
     neutral: Vec<Vector3<f64>>,
 }
 
@@ -206,16 +207,21 @@ impl Shapes {
         for name in &scene.shapes.held_out {
             held_out[named("`shapes.held_out`", name)?] = true;
         }
-        let basis: Vec<usize> = match &scene.shapes.basis {
+        let basis_indices: Vec<usize> = match &scene.shapes.basis {
             Some(names) => {
                 let indices = names.iter().map(|name| named("`shapes.basis`", name));
                 indices.collect::<Result<_>>()?
             }
             None => (0..held_out.len()).filter(|&i| !held_out[i]).collect(),
         };
-        let deltas = basis.iter().map(|&i| inputs.targets[i].deltas.clone());
-        let basis_deltas: Vec<_> = deltas.collect();
-        let basis = BlendBasis::weighted(basis_deltas.clone(), vertex_weights)?;
+        if let Some(&index) = basis_indices.iter().find(|&&i| held_out[i]) {
+            let name = inputs.targets[index].name.clone();
+            return Err(TrainerError::HeldOutBasis { name });
+        }
+        let deltas = basis_indices
+            .iter()
+            .map(|&i| inputs.targets[i].deltas.clone());
+        let basis = BlendBasis::weighted(deltas.collect(), vertex_weights)?;
         let all = (inputs.targets.iter().zip(held_out).enumerate())
             .map(|(i, (target, held_out))| Shape {
                 name: target.name.clone(),
@@ -230,7 +236,7 @@ impl Shapes {
         Ok(Self {
             all,
             basis,
-            basis_deltas,
+            basis_indices,
             neutral: inputs.surface.vertices().to_vec(),
         })
     }
@@ -258,22 +264,15 @@ impl Shapes {
         Ok(fit.weights.iter().map(|&w| w as f32).collect())
     }
 
-    /// Neutral plus the weighted displacements of the basis.
-    ///
-    /// # Panics
-    /// When there is not one weight per shape of the basis.
-    pub fn basis_blend(&self, weights: &[f64]) -> Vec<Vector3<f64>> {
-        assert_eq!(
-            weights.len(),
-            self.basis_deltas.len(),
-            "one weight per basis shape"
-        );
-        let mut positions = self.neutral.clone();
-        for (deltas, &weight) in self.basis_deltas.iter().zip(weights) {
-            let moved = positions.iter_mut().zip(deltas);
-            moved.for_each(|(x, d)| *x += d * weight);
-        }
-        positions
+    /// Which training shape each weight of a descriptor belongs to.
+    pub fn basis_in_training(&self) -> Vec<usize> {
+        let before = |i: usize| {
+            self.all[..i]
+                .iter()
+                .filter(|s| s.set == ShapeSet::Train)
+                .count()
+        };
+        self.basis_indices.iter().map(|&i| before(i)).collect()
     }
 
     /// Neutral plus the weighted displacements of named shapes.

@@ -151,7 +151,7 @@ impl Checkpoint {
             })
             .collect();
         let warm = match header.nodes {
-            0 => vec![Vec::new(); header.shapes],
+            0 => Vec::new(),
             nodes => positions.chunks_exact(nodes).map(<[_]>::to_vec).collect(),
         };
         Ok(Self {

@@ -52,6 +52,14 @@ pub enum TrainerError {
         /// The names there are.
         known: String,
     },
+    /// A shape that describes others is kept from training.
+    #[error(
+        "`shapes.basis` names `{name}`, which is held out: take it out of one of the two lists"
+    )]
+    HeldOutBasis {
+        /// The shape.
+        name: String,
+    },
     /// A surface file without morph targets where target shapes are needed.
     #[error("{} has no morph targets: give a glTF file whose mesh has the target shapes as morph targets", path.display())]
     NoTargets {
@@ -114,7 +122,10 @@ pub enum TrainerError {
         problem: String,
     },
     /// Training steps failed again and again.
-    #[error("{count} training steps in a row failed ({reason}); the last good state is in {}", checkpoint.display())]
+    #[error(
+        "{count} training steps in a row failed ({reason}); the last good state is in {}. Train anew with a lower stage2.learning_rate",
+        checkpoint.display()
+    )]
     Diverged {
         /// Failed steps in a row.
         count: usize,

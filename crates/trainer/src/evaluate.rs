@@ -42,6 +42,9 @@ pub struct ShapeResult {
     pub inverted_elements: usize,
     /// Weights that describe the shape to the network.
     pub descriptor: Vec<f32>,
+    /// Where the surface's vertices should be.
+    #[serde(skip)]
+    pub target: Vec<Vector3<f64>>,
     /// Positions of the surface's vertices.
     #[serde(skip)]
     pub surface: Vec<Vector3<f64>>,
@@ -124,6 +127,7 @@ impl<'a> Evaluator<'a> {
             seconds,
             inverted_elements: self.body.inverted_elements(&solution.positions),
             descriptor,
+            target: shape.positions.clone(),
             surface,
             nodes: solution.positions,
         })
@@ -173,7 +177,7 @@ pub fn evaluate(run: &Run, request: &EvaluationRequest) -> Result<(Vec<ShapeResu
     }
     let folder = create_folder(&request.out.clone().unwrap_or(run.evaluation_folder()))?;
     let results = simulate(&scene, &body, &shapes, &net, &wanted)?;
-    write(&folder, &scene, &body, &results, &wanted)?;
+    write(&folder, &scene, &body, &results)?;
     Ok((results, folder))
 }
 
@@ -223,13 +227,7 @@ pub fn simulate(
 ///
 /// # Errors
 /// When a file cannot be written.
-pub fn write(
-    folder: &Path,
-    scene: &Scene,
-    body: &Body,
-    results: &[ShapeResult],
-    wanted: &[Shape],
-) -> Result<()> {
+pub fn write(folder: &Path, scene: &Scene, body: &Body, results: &[ShapeResult]) -> Result<()> {
     let metrics = Metrics {
         scene: &scene.name,
         bbox_diagonal: body.diagonal,
@@ -245,7 +243,7 @@ pub fn write(
     });
     let simulated = MorphedSurface::new(body.surface.clone(), targets.collect())?;
     write_glb(folder.join("shapes.glb"), &simulated)?;
-    crate::sheets::write(folder, scene, body, results, wanted)?;
+    crate::sheets::write(folder, scene, body, results)?;
     write_json(&folder.join("metrics.json"), &metrics)
 }
 

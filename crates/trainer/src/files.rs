@@ -77,11 +77,3 @@ pub fn remove_unfinished(folder: &Path) -> Result<()> {
     }
     Ok(())
 }
-
-/// Peak memory of this process so far in MB, where the system tells (Linux).
-pub fn peak_megabytes() -> Option<f64> {
-    let status = std::fs::read_to_string("/proc/self/status").ok()?;
-    let line = status.lines().find(|l| l.starts_with("VmHWM:"))?;
-    let kilobytes: f64 = line.split_whitespace().nth(1)?.parse().ok()?;
-    Some(kilobytes / 1024.0)
-}

@@ -4,12 +4,19 @@
 //! [`evaluate::evaluate`] simulates and measures what was learned; [`solve::solve`] makes the solver usable by itself. The program
 //! `myofield` is a command line over these.
 
+/// Compiles the examples of the README.
+#[cfg(doctest)]
+#[doc = include_str!("../README.md")]
+struct Readme;
+
 pub mod body;
 pub mod checkpoint;
 mod draw;
 pub mod error;
 pub mod evaluate;
 pub mod files;
+#[cfg(test)]
+mod fixture;
 pub mod loss;
 pub mod npy;
 mod progress;
@@ -19,6 +26,7 @@ mod sheets;
 pub mod solve;
 pub mod stage1;
 pub mod stage2;
+pub mod table;
 pub mod train;
 
 pub use error::{Result, TrainerError};

@@ -2,13 +2,14 @@
 
 use clap::{Args, Parser, Subcommand};
 use pd_solver::{Method, Stop};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use trainer::evaluate::{EvaluationRequest, evaluate, parse_weights};
-use trainer::run::{Run, default_folder};
+use trainer::run::{Run, newest_folder, next_folder};
 use trainer::scene::Scene;
 use trainer::solve::{BodySource, SolveRequest, solve};
-use trainer::train::{check, table, train};
+use trainer::table::table;
+use trainer::train::{check, train};
 use trainer::{TrainerError, body, stop_on_signal};
 
 /// Trains a neural muscle field that drives a soft body through physics, and simulates it.
@@ -34,10 +35,10 @@ struct TrainArgs {
     /// Scene file.
     #[arg(default_value = "data/scenes/starfish.toml")]
     scene: PathBuf,
-    /// Go on with the newest run of this scene, or with the one in --out.
+    /// Go on with the newest run of this scene, or with the one in --out, by the scene and shapes that the run keeps.
     #[arg(long)]
     resume: bool,
-    /// Run folder (runs/NAME, or the next free number behind it, unless given).
+    /// Run folder (runs/NAME, or the next number behind it, unless given).
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
     /// Folder that the scene's files are relative to (that of the scene file unless given).
@@ -125,6 +126,9 @@ struct SolveArgs {
     out: PathBuf,
 }
 
+/// Where runs go that were not told where.
+const RUNS: &str = "runs";
+
 fn parse_cells(text: &str) -> Result<[usize; 3], String> {
     let counts: Result<Vec<usize>, _> = text.split(',').map(|n| n.trim().parse()).collect();
     let counts = counts.ok().and_then(|c| <[usize; 3]>::try_from(c).ok());
@@ -165,7 +169,7 @@ fn run_train(args: &TrainArgs) -> trainer::Result<()> {
     let run = if args.resume {
         let folder = match &args.out {
             Some(folder) => folder.clone(),
-            None => default_folder(&Scene::read(&args.scene)?.0.name, true),
+            None => newest_folder(Path::new(RUNS), &Scene::read(&args.scene)?.0.name),
         };
         Run::open(&folder)?
     } else {
@@ -174,7 +178,7 @@ fn run_train(args: &TrainArgs) -> trainer::Result<()> {
         let inputs = body::load_shapes(&scene, args.data.as_ref().unwrap_or(&beside))?;
         check(&scene, &args.scene, &inputs)?;
         let folder = args.out.clone();
-        let folder = folder.unwrap_or_else(|| default_folder(&scene.name, false));
+        let folder = folder.unwrap_or_else(|| next_folder(Path::new(RUNS), &scene.name));
         Run::create(&folder, &text, &inputs)?
     };
     let scene = run.scene()?;

@@ -165,18 +165,111 @@ impl Metrics {
     }
 }
 
-/// The folder of a run by a scene's name: `runs/NAME`, `runs/NAME-2` and so on. The newest that exists, or the first free one.
-pub fn default_folder(name: &str, newest: bool) -> PathBuf {
-    let base = Path::new("runs");
-    let numbered = |i: usize| match i {
-        1 => base.join(name),
-        _ => base.join(format!("{name}-{i}")),
+/// The newest run of a scene under the folder `runs`: `NAME`, or the `NAME-i` with the highest number. `NAME` where there is none.
+pub fn newest_folder(runs: &Path, name: &str) -> PathBuf {
+    numbered(runs, name, newest(runs, name).max(1))
+}
+
+/// Where the next run of a scene goes: behind the newest, whether or not older ones were deleted.
+pub fn next_folder(runs: &Path, name: &str) -> PathBuf {
+    numbered(runs, name, newest(runs, name) + 1)
+}
+
+fn numbered(runs: &Path, name: &str, number: u64) -> PathBuf {
+    match number {
+        1 => runs.join(name),
+        _ => runs.join(format!("{name}-{number}")),
+    }
+}
+
+/// The highest number of a run; 0 where there is none.
+fn newest(runs: &Path, name: &str) -> u64 {
+    let Ok(entries) = std::fs::read_dir(runs) else {
+        return 0;
     };
-    let first_free = (1..).find(|&i| !numbered(i).join("scene.toml").exists());
-    let first_free = first_free.expect("some number is free");
-    numbered(if newest {
-        first_free.max(2) - 1
-    } else {
-        first_free
-    })
+    let number = |entry: std::fs::DirEntry| -> Option<u64> {
+        let folder = entry.file_name();
+        let number = match folder.to_str()?.strip_prefix(name)? {
+            "" => 1,
+            rest => rest.strip_prefix('-')?.parse().ok()?,
+        };
+        // Not `NAME-1` or `NAME-02`, which no run of this scene is called.
+        let is_run = entry.path() == numbered(runs, name, number)
+            && number < u64::MAX
+            && entry.path().join("scene.toml").exists();
+        is_run.then_some(number)
+    };
+    entries.flatten().filter_map(number).max().unwrap_or(0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::fixture;
+    use serde_json::json;
+
+    fn run(folder: &Path) -> Run {
+        Run::create(folder, fixture::SCENE, &fixture::inputs()).unwrap()
+    }
+
+    #[test]
+    fn folders_are_numbered_behind_the_newest() {
+        let runs = tempfile::tempdir().unwrap();
+        let next = || next_folder(runs.path(), "ball");
+        let newest = || newest_folder(runs.path(), "ball");
+        assert_eq!(next(), runs.path().join("ball"));
+        assert_eq!(newest(), runs.path().join("ball"));
+        run(&next());
+        assert_eq!(newest(), runs.path().join("ball"));
+        assert_eq!(next(), runs.path().join("ball-2"));
+        run(&next());
+        run(&next());
+        assert_eq!(newest(), runs.path().join("ball-3"));
+        // What begins alike is not a run of this scene, and a folder without a scene is none.
+        for other in ["ball-x", "ball-02", "ball-1", "ball-7b", "balloon", "ball-"] {
+            run(&runs.path().join(other));
+        }
+        std::fs::create_dir(runs.path().join("ball-9")).unwrap();
+        assert_eq!(newest(), runs.path().join("ball-3"));
+        // A number is not taken again when an older run is deleted: the newest stays the newest.
+        std::fs::remove_dir_all(runs.path().join("ball")).unwrap();
+        assert_eq!(newest(), runs.path().join("ball-3"));
+        assert_eq!(next(), runs.path().join("ball-4"));
+    }
+
+    #[test]
+    fn a_run_is_held_by_one_and_made_once() {
+        let folder = tempfile::tempdir().unwrap();
+        let held = run(folder.path());
+        let message = |refused: Result<Run>| refused.unwrap_err().to_string();
+        assert!(message(Run::open(folder.path())).contains("another process"));
+        drop(held);
+        Run::open(folder.path()).unwrap();
+        let again = Run::create(folder.path(), fixture::SCENE, &fixture::inputs());
+        assert!(message(again).contains("--resume"));
+    }
+
+    #[test]
+    fn metrics_are_cut_to_the_checkpoint() {
+        let folder = tempfile::tempdir().unwrap();
+        let run = run(folder.path());
+        let text = || std::fs::read_to_string(run.metrics_path()).unwrap();
+        let mut metrics = Metrics::open(&run, 0).unwrap();
+        metrics.append(&json!({ "step": 0 })).unwrap();
+        let saved = metrics.length();
+        metrics.append(&json!({ "step": 1 })).unwrap();
+        drop(metrics);
+        // A line that a killed process did not finish.
+        let whole = text();
+        std::fs::write(run.metrics_path(), whole + "{\"st").unwrap();
+        let mut metrics = Metrics::open(&run, saved).unwrap();
+        assert_eq!(metrics.length(), saved);
+        metrics.append(&json!({ "step": 1 })).unwrap();
+        assert_eq!(text(), "{\"step\":0}\n{\"step\":1}\n");
+        assert_eq!(metrics.length(), text().len() as u64);
+        // Somebody deleted it: training goes on with what there is.
+        drop(metrics);
+        std::fs::remove_file(run.metrics_path()).unwrap();
+        assert_eq!(Metrics::open(&run, saved).unwrap().length(), 0);
+    }
 }

@@ -118,7 +118,8 @@ pub struct NetworkSettings {
     pub omega: f32,
 }
 
-/// The loss: mean over the surface of squared distance plus `normal_weight` times squared difference of unit normals.
+/// The loss: mean over the surface of the squared distance, in hundredths of the bounding-box diagonal, plus `normal_weight` times the
+/// squared difference of unit normals.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct LossSettings {
@@ -140,7 +141,7 @@ pub struct Stage1 {
     pub batch: usize,
     /// Sample points drawn per shape and step.
     pub points: usize,
-    /// Blends of training shapes that are pulled and learned too, so that codes in between mean what a blendshape rig means.
+    /// Superpositions of basis shapes drawn per step, so that the codes between training shapes mean something too.
     pub blends: usize,
     /// First learning rate; it decays to 0.
     pub learning_rate: f64,
@@ -171,6 +172,9 @@ pub struct Stage2 {
     pub accuracy: f64,
     /// Relative residual of the adjoint.
     pub adjoint_tolerance: f64,
+    /// Weight of the superpositions' actuation loss (that of stage 1) beside the loss on the surface: keeps what the codes between the
+    /// training shapes mean. 0 leaves them alone.
+    pub blend_weight: f64,
 }
 
 impl Default for Stage2 {
@@ -180,6 +184,7 @@ impl Default for Stage2 {
             learning_rate: 1e-4,
             accuracy: 1e-4,
             adjoint_tolerance: 1e-3,
+            blend_weight: 0.0,
         }
     }
 }
@@ -267,6 +272,7 @@ impl Scene {
         let not_negative = [
             ("loss.normal_weight", self.loss.normal_weight),
             ("stage1.learning_rate", self.stage1.learning_rate),
+            ("stage2.blend_weight", self.stage2.blend_weight),
             ("stage2.learning_rate", self.stage2.learning_rate),
             ("checkpoint_seconds", self.checkpoint_seconds),
         ];
@@ -292,6 +298,12 @@ impl Scene {
         if !is_file_name || self.name.starts_with('.') {
             let mend = "use letters, digits, spaces, `-`, `_` and `.`: it names the run folder";
             return wrong("name", format!("`{}`", self.name), mend);
+        }
+        for (i, pose) in self.poses.iter().enumerate() {
+            if self.poses[..i].iter().any(|p| p.name == pose.name) {
+                let value = format!("named `{}` twice", pose.name);
+                return wrong("pose", value, "give every pose a name of its own");
+            }
         }
         let generated = matches!(self.surface, SurfaceSource::Starfish(_));
         if !generated && !self.poses.is_empty() {

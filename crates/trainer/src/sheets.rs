@@ -1,6 +1,6 @@
 //! The pictures of a run: comparison sheets and the course of the loss.
 
-use crate::body::{Body, Shape, ShapeSet};
+use crate::body::{Body, ShapeSet};
 use crate::error::{Result, file_error};
 use crate::evaluate::ShapeResult;
 use crate::loss::distances;
@@ -15,16 +15,10 @@ use std::path::Path;
 ///
 /// # Errors
 /// When they cannot be drawn or written.
-pub fn write(
-    folder: &Path,
-    scene: &Scene,
-    body: &Body,
-    results: &[ShapeResult],
-    wanted: &[Shape],
-) -> Result<()> {
+pub fn write(folder: &Path, scene: &Scene, body: &Body, results: &[ShapeResult]) -> Result<()> {
     let triangles = body.surface.triangles();
-    let errors: Vec<Vec<f64>> = (results.iter().zip(wanted))
-        .map(|(r, w)| distances(&r.surface, &w.positions).2)
+    let errors: Vec<Vec<f64>> = (results.iter())
+        .map(|r| distances(&r.surface, &r.target).2)
         .collect();
     let notes: Vec<String> = results.iter().map(note).collect();
     let (direction, up) = view(body);
@@ -34,11 +28,11 @@ pub fn write(
     )
     .view(direction, up)
     .rows_per_page(6);
-    for (i, (result, shape)) in results.iter().zip(wanted).enumerate() {
+    for (i, result) in results.iter().enumerate() {
         sheet = sheet.row(Row {
             name: &result.name,
             triangles,
-            target: &shape.positions,
+            target: &result.target,
             simulated: &result.surface,
             errors: &errors[i],
             note: &notes[i],
@@ -121,4 +115,49 @@ pub fn write_losses(run: &Run) -> Result<()> {
         plot.write_svg(run.folder().join(format!("loss-{stage}.svg")))?;
     }
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::fixture;
+
+    #[test]
+    fn notes_say_what_a_shape_is_for_and_how_far_off_it_is() {
+        let of = |set| note(&fixture::result("long", set));
+        assert_eq!(of(ShapeSet::Train), "trained, 1.00 % mean");
+        assert_eq!(of(ShapeSet::HeldOut), "held out, 1.00 % mean");
+        assert_eq!(of(ShapeSet::Blend), "blend, 1.00 % mean");
+    }
+
+    #[test]
+    fn pages_of_an_earlier_evaluation_go() {
+        let folder = tempfile::tempdir().unwrap();
+        let scene = fixture::scene("");
+        let body = fixture::body(&scene);
+        for stale in 2..4 {
+            std::fs::write(folder.path().join(format!("sheet-{stale}.png")), "old").unwrap();
+        }
+        let rest = body.surface.vertices().to_vec();
+        let mut result = fixture::result("long", ShapeSet::Train);
+        result.surface.clone_from(&rest);
+        result.target = rest;
+        write(folder.path(), &scene, &body, &[result]).unwrap();
+        let files = std::fs::read_dir(folder.path()).unwrap();
+        let names: Vec<_> = files.map(|f| f.unwrap().file_name()).collect();
+        assert_eq!(names, ["sheet-1.png"]);
+    }
+
+    #[test]
+    fn a_stage_without_points_has_no_plot() {
+        let folder = tempfile::tempdir().unwrap();
+        let run = Run::create(folder.path(), fixture::SCENE, &fixture::inputs()).unwrap();
+        let text = "{\"stage\":1,\"epoch\":1,\"loss\":0.5}\n{\"stage\":1,\"epoch\":2,\"loss\":0.1}\n\
+                    {\"stage\":2,\"step\":0,\"dropped\":\"long: the equilibrium is Stalled\"}\n{\"sta";
+        std::fs::write(run.metrics_path(), text).unwrap();
+        write_losses(&run).unwrap();
+        assert!(folder.path().join("loss-1.png").exists());
+        assert!(folder.path().join("loss-1.svg").exists());
+        assert!(!folder.path().join("loss-2.png").exists());
+    }
 }

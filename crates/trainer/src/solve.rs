@@ -6,7 +6,7 @@
 
 use crate::body::Body;
 use crate::error::{Result, TrainerError, file_error};
-use crate::files::{create_folder, peak_megabytes, write_json};
+use crate::files::{create_folder, write_json};
 use crate::npy;
 use hex_mesh::{Axis, HexMesh, NodeRegion, Quadrature};
 use nalgebra::Vector3;
@@ -70,8 +70,8 @@ pub struct SolveOutcome {
     pub converged: bool,
 }
 
-/// Solves, writes `rest.npy`, `elements.npy`, `samples.npy`, `sample_weights.npy`, `positions.npy`, `stats.json` and, with a cotangent,
-/// `actuation_grad.npy`, and prints a line or two.
+/// Solves, writes `rest.npy`, `elements.npy`, `samples.npy`, `sample_weights.npy`, `positions.npy`, `stats.json` and, with a cotangent
+/// whose adjoint has a gradient, `actuation_grad.npy`, `prescribed_grad.npy` and `prescribed.npy`; prints a line or two.
 ///
 /// # Errors
 /// When an option does not parse, an input file does not fit, or the output cannot be written. Inputs are read and checked
@@ -316,6 +316,14 @@ fn write_mesh(out: &Path, mesh: &HexMesh) -> Result<()> {
         .map(|w| w * volume)
         .collect();
     npy::write(&out.join("sample_weights.npy"), &[samples], &weights)
+}
+
+/// Peak memory of this process so far in MB, where the system tells (Linux).
+fn peak_megabytes() -> Option<f64> {
+    let status = std::fs::read_to_string("/proc/self/status").ok()?;
+    let line = status.lines().find(|l| l.starts_with("VmHWM:"))?;
+    let kilobytes: f64 = line.split_whitespace().nth(1)?.parse().ok()?;
+    Some(kilobytes / 1024.0)
 }
 
 fn stats(

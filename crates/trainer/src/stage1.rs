@@ -4,7 +4,7 @@
 //! With F = R S at a sample of the pulled body, A = S makes `F - R(F A) A = F - R A = 0`: the pulled shape has zero energy under
 //! this actuation, so what remains is the softness of the springs and the error of the network.
 
-use crate::body::{Body, Shape, ShapeSet, Shapes};
+use crate::body::{Body, Shape};
 use crate::draw;
 use crate::error::Result;
 use crate::progress::Phase;
@@ -24,17 +24,23 @@ pub struct Pulled {
     pub actuation: Vec<f32>,
 }
 
-/// Pulls the passive body onto every shape.
+/// Pulls the passive body onto every shape; `between` is asked before each whether to go on.
 ///
 /// # Errors
-/// When the effects do not fit the body. A pull that does not converge is used as far as it came, and said.
-pub fn pull(body: &Body, scene: &Scene, shapes: &[&Shape]) -> Result<Vec<Pulled>> {
+/// When the effects do not fit the body, and what `between` returns. A pull that does not converge is used as far as it came, and said.
+pub fn pull(
+    body: &Body,
+    scene: &Scene,
+    shapes: &[&Shape],
+    mut between: impl FnMut() -> Result<()>,
+) -> Result<Vec<Pulled>> {
     let mut solver = Solver::new(&body.mesh, &pulling_effects(body, scene))?;
     let options = SolveOptions::new(Stop::Accuracy(scene.stage2.accuracy * body.diagonal));
     let mut phase = Phase::new("targets", shapes.len() as u64, 0);
     let mut loose = Vec::new();
     let mut all = Vec::new();
     for shape in shapes {
+        between()?;
         let mut parameters = solver.rest_parameters();
         parameters.spring_targets.clone_from(&shape.positions);
         let solution = solver.solve(&parameters, None, &options)?;
@@ -58,28 +64,6 @@ pub fn pull(body: &Body, scene: &Scene, shapes: &[&Shape]) -> Result<Vec<Pulled>
     }
     phase.finish(&word);
     Ok(all)
-}
-
-/// Blends of two to four shapes of the basis with weights in [0, 1], as surfaces and descriptors: what a blendshape rig would show.
-///
-/// Training shapes alone only pin the network at a few codes; these say what it should do between and beyond them.
-pub fn blends(shapes: &Shapes, count: usize, seed: u64) -> (Vec<Shape>, Vec<Vec<f32>>) {
-    let size = shapes.descriptor_size();
-    let one = |index: usize| {
-        let mut generator = draw::generator(seed, 4, index as u64);
-        let members = generator.random_range(2..=4).min(size);
-        let mut weights = vec![0.0; size];
-        for &member in draw::order(&mut generator, size).iter().take(members) {
-            weights[member] = generator.random_range(0.0..=1.0);
-        }
-        let shape = Shape {
-            name: format!("blend {}", index + 1),
-            set: ShapeSet::Blend,
-            positions: shapes.basis_blend(&weights),
-        };
-        (shape, weights.iter().map(|&w| w as f32).collect())
-    };
-    (0..count).map(one).unzip()
 }
 
 /// Elasticity and prescribed nodes of the scene, and a spring at every surface vertex.
@@ -119,6 +103,8 @@ pub struct Regression<'a> {
     pub descriptors: &'a [Vec<f32>],
     /// Actuation of every shape.
     pub targets: &'a [Pulled],
+    /// Which of these shapes each weight of a descriptor belongs to.
+    pub basis: &'a [usize],
     /// Settings of the stage.
     pub settings: &'a Stage1,
     /// Seed of the scene.
@@ -140,22 +126,16 @@ impl Regression<'_> {
             .expect("a batch of the epoch")
             .to_vec();
         let mut gradient = vec![0.0; net.parameter_count()];
+        let count = (batch.len() + self.settings.blends) as f64;
         let mut loss = 0.0;
         for &shape in &batch {
-            let n = self.points.len() / 3;
-            let chosen = draw::indices(&mut generator, n, self.settings.points);
-            let points = gather(self.points, &chosen, 3);
+            let chosen = self.draw_points(&mut generator);
             let target = gather(&self.targets[shape].actuation, &chosen, 6);
-            let scale = 1.0 / (chosen.len() * batch.len()) as f64;
-            let cotangent = |output: &actuation_net::Output| {
-                let (value, actuation) = misfit(&output.actuation, &target, scale);
-                loss += value;
-                let joint = [0.0; actuation_net::JOINT_SIZE];
-                OutputCotangent { actuation, joint }
-            };
-            let (_, part) = net.evaluate_vjp(&self.descriptors[shape], &points, cotangent)?;
-            gradient.iter_mut().zip(part).for_each(|(g, p)| *g += p);
+            let learned = (self.descriptors[shape].as_slice(), target.as_slice());
+            loss += self.add_misfit(net, &chosen, learned, 1.0 / count, &mut gradient)?;
         }
+        let blends = self.settings.blends;
+        loss += self.add_superpositions(net, blends, &mut generator, 1.0 / count, &mut gradient)?;
         let lr = draw::decayed(
             self.settings.learning_rate,
             step,
@@ -166,6 +146,78 @@ impl Regression<'_> {
             ..Adam::default()
         };
         adam_settings.step(adam, net.parameters_mut(), &gradient)?;
+        Ok(loss)
+    }
+
+    /// Adds the gradient of the loss of random superpositions, each with a weight, and returns that loss.
+    ///
+    /// The codes of training shapes alone pin the network at a few places. A superposition of two to four shapes of the basis, its
+    /// code the weights and its actuation the weighted sum of theirs, says what the network should do between and beyond them: half the
+    /// code is half the actuation, which bends half as far.
+    ///
+    /// # Errors
+    /// When the network's answer is not finite.
+    pub fn add_superpositions(
+        &self,
+        net: &ActuationNet,
+        count: usize,
+        generator: &mut impl Rng,
+        weight: f64,
+        gradient: &mut [f32],
+    ) -> Result<f64> {
+        let mut loss = 0.0;
+        for _ in 0..count {
+            let chosen = self.draw_points(generator);
+            let (descriptor, target) = self.superposition(&chosen, generator);
+            let learned = (descriptor.as_slice(), target.as_slice());
+            loss += self.add_misfit(net, &chosen, learned, weight, gradient)?;
+        }
+        Ok(loss)
+    }
+
+    /// Random weights over the basis, two to four of them not zero, and the weighted sum of the actuations at some samples.
+    fn superposition(&self, chosen: &[usize], generator: &mut impl Rng) -> (Vec<f32>, Vec<f32>) {
+        let size = self.basis.len();
+        let members = generator.random_range(2..=4).min(size);
+        let order = draw::order(generator, size);
+        let mut weights = vec![0.0; size];
+        let mut target = vec![0.0; chosen.len() * 6];
+        for &member in order.iter().take(members) {
+            let weight = generator.random_range(0.0..=1.0);
+            weights[member] = weight;
+            let part = gather(&self.targets[self.basis[member]].actuation, chosen, 6);
+            target
+                .iter_mut()
+                .zip(part)
+                .for_each(|(t, p)| *t += weight * p);
+        }
+        (weights, target)
+    }
+
+    fn draw_points(&self, generator: &mut impl Rng) -> Vec<usize> {
+        draw::indices(generator, self.points.len() / 3, self.settings.points)
+    }
+
+    /// Adds the gradient of `weight` times the mean squared distance of the network from a target at some samples.
+    fn add_misfit(
+        &self,
+        net: &ActuationNet,
+        chosen: &[usize],
+        (descriptor, target): (&[f32], &[f32]),
+        weight: f64,
+        gradient: &mut [f32],
+    ) -> Result<f64> {
+        let points = gather(self.points, chosen, 3);
+        let scale = weight / chosen.len() as f64;
+        let mut loss = 0.0;
+        let cotangent = |output: &actuation_net::Output| {
+            let (value, actuation) = misfit(&output.actuation, target, scale);
+            loss = value;
+            let joint = [0.0; actuation_net::JOINT_SIZE];
+            OutputCotangent { actuation, joint }
+        };
+        let (_, part) = net.evaluate_vjp(descriptor, &points, cotangent)?;
+        gradient.iter_mut().zip(part).for_each(|(g, p)| *g += p);
         Ok(loss)
     }
 }
@@ -187,4 +239,178 @@ fn misfit(actuation: &[f32], target: &[f32], scale: f64) -> (f64, Vec<f32>) {
 fn gather(values: &[f32], chosen: &[usize], width: usize) -> Vec<f32> {
     let rows = chosen.iter().map(|&i| &values[i * width..(i + 1) * width]);
     rows.flatten().copied().collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::fixture;
+    use crate::loss::distances;
+    use crate::stage2::set_actuation;
+    use actuation_net::{NetworkConfig, Width};
+
+    fn norm(gradient: &[Vector3<f64>]) -> f64 {
+        gradient
+            .iter()
+            .map(Vector3::norm_squared)
+            .sum::<f64>()
+            .sqrt()
+    }
+
+    fn pulled(scene: &Scene) -> (Body, Vec<Shape>, Vec<Pulled>) {
+        let body = fixture::body(scene);
+        let shapes = fixture::shapes(scene, &body).all;
+        let all: Vec<&Shape> = shapes.iter().collect();
+        let pulled = pull(&body, scene, &all, || Ok(())).unwrap();
+        (body, shapes, pulled)
+    }
+
+    /// The claim that stage 1 stands on: F - R(F S) S = 0.
+    #[test]
+    fn a_pulled_shape_rests_under_its_own_stretch() {
+        let scene = fixture::scene("");
+        let (body, shapes, pulled) = pulled(&scene);
+        let mut solver = Solver::new(&body.mesh, &scene.effects).unwrap();
+        let passive = solver.rest_parameters();
+        for (shape, pulled) in shapes.iter().zip(&pulled) {
+            let reached = body.surface_positions(&pulled.nodes);
+            let (far, _, _) = distances(body.surface.vertices(), &shape.positions);
+            let (near, _, _) = distances(&reached, &shape.positions);
+            assert!(near < 0.3 * far, "{}: {near} {far}", shape.name);
+            let mut actuated = passive.clone();
+            set_actuation(&mut actuated, &pulled.actuation);
+            let (energy, gradient) = solver.energy_gradient(&actuated, &pulled.nodes).unwrap();
+            let (full, pull) = solver.energy_gradient(&passive, &pulled.nodes).unwrap();
+            // The actuation is in single precision.
+            assert!(energy < 1e-11 * full, "{}: {energy} {full}", shape.name);
+            let (left, pull) = (norm(&gradient), norm(&pull));
+            assert!(left < 1e-5 * pull, "{}: {left} {pull}", shape.name);
+        }
+    }
+
+    #[test]
+    fn the_pull_leaves_out_gravity() {
+        let gravity = "[[effects]]\ntype = \"gravity\"\nacceleration = [0, -1, 0]\ndensity = 1\n";
+        let (_, _, with) = pulled(&fixture::scene(gravity));
+        let (_, _, without) = pulled(&fixture::scene(""));
+        assert!(with.iter().zip(&without).all(|(a, b)| a.nodes == b.nodes));
+    }
+
+    #[test]
+    fn stiffer_springs_follow_more_closely() {
+        let off = |stiffness: f64| {
+            let mut scene = fixture::scene("");
+            scene.stage1.spring_stiffness = stiffness;
+            let (body, shapes, pulled) = pulled(&scene);
+            let reached = body.surface_positions(&pulled[0].nodes);
+            distances(&reached, &shapes[0].positions).0
+        };
+        assert!(off(100.0) < 0.5 * off(1.0));
+    }
+
+    #[test]
+    fn a_pull_ends_when_asked() {
+        let scene = fixture::scene("");
+        let body = fixture::body(&scene);
+        let shapes = fixture::shapes(&scene, &body).all;
+        let stop = || crate::TrainerError::EvaluationStopped;
+        let ended = pull(&body, &scene, &[&shapes[0]], || Err(stop()));
+        assert!(ended.is_err());
+    }
+
+    #[test]
+    fn superpositions_add_up_and_stay_within_bounds() {
+        let scene = fixture::scene("");
+        let (body, _, pulled) = pulled(&scene);
+        let descriptors = vec![vec![1.0, 0.0], vec![0.0, 1.0]];
+        let regression = Regression {
+            points: &body.points,
+            descriptors: &descriptors,
+            targets: &pulled,
+            basis: &[0, 1],
+            settings: &scene.stage1,
+            seed: 5,
+        };
+        let (mut one, mut same) = (draw::generator(5, 4, 0), draw::generator(5, 4, 0));
+        for _ in 0..30 {
+            let chosen = [0, 7, 3];
+            let (weights, target) = regression.superposition(&chosen, &mut one);
+            assert_eq!((&weights, &target), {
+                let again = regression.superposition(&chosen, &mut same);
+                (&again.0.clone(), &again.1.clone())
+            });
+            assert!(weights.iter().all(|w| (0.0..=1.0).contains(w)));
+            for (i, &point) in chosen.iter().enumerate() {
+                for k in 0..6 {
+                    let of = |shape: usize| pulled[shape].actuation[6 * point + k];
+                    let sum = weights[0] * of(0) + weights[1] * of(1);
+                    assert!((target[6 * i + k] - sum).abs() < 1e-6);
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn the_misfit_is_the_frobenius_distance_of_matrices() {
+        let full = |b: &[f32]| {
+            let b: Vec<f64> = b.iter().map(|&x| f64::from(x)).collect();
+            Matrix3::new(b[0], b[1], b[2], b[1], b[3], b[4], b[2], b[4], b[5])
+        };
+        let (a, t) = (
+            [0.5, 0.25, -1.0, 2.0, 0.125, 0.75],
+            [0.0, 1.0, 0.5, 0.25, -0.5, 1.0],
+        );
+        let (value, bar) = misfit(&a, &t, 0.5);
+        assert_eq!(value, 0.5 * (full(&a) - full(&t)).norm_squared());
+        for i in 0..6 {
+            // Exact in binary, and a quadratic has no error of third order.
+            let at = |step: f32| {
+                let mut moved = a;
+                moved[i] += step;
+                misfit(&moved, &t, 0.5).0
+            };
+            assert_eq!(f64::from(bar[i]), (at(0.125) - at(-0.125)) / 0.25);
+        }
+    }
+
+    #[test]
+    fn regression_comes_nearer_and_depends_on_the_step_alone() {
+        let scene = fixture::scene("");
+        let (body, _, pulled) = pulled(&scene);
+        let settings = Stage1 {
+            epochs: 150,
+            points: 64,
+            learning_rate: 2e-3,
+            ..scene.stage1.clone()
+        };
+        let descriptors = [vec![1.0, 0.0], vec![0.0, 1.0], vec![1.0, 1.0]];
+        let regression = Regression {
+            points: &body.points,
+            descriptors: &descriptors,
+            targets: &pulled,
+            settings: &settings,
+            seed: 1,
+        };
+        let config = NetworkConfig {
+            descriptor: 2,
+            width: Width::W64,
+            latent: 4,
+            omega: 30.0,
+        };
+        assert_eq!(steps(&settings, 3), 300);
+        let start = ActuationNet::new(&config, 1).unwrap();
+        let mut net = start.clone();
+        let mut adam = AdamState::new(net.parameter_count());
+        let losses = (0..300).map(|i| regression.step(&mut net, &mut adam, i).unwrap());
+        let losses: Vec<f64> = losses.collect();
+        let mean = |part: &[f64]| part.iter().sum::<f64>() / part.len() as f64;
+        let (first, last) = (mean(&losses[..10]), mean(&losses[290..]));
+        assert!(last < 0.3 * first, "{last} {first}");
+        let mut again = start;
+        let mut adam = AdamState::new(again.parameter_count());
+        assert_eq!(
+            regression.step(&mut again, &mut adam, 0).unwrap(),
+            losses[0]
+        );
+    }
 }

@@ -5,11 +5,15 @@ use crate::draw;
 use crate::error::Result;
 use crate::loss::{Loss, distances};
 use crate::scene::{Scene, Stage2};
+use crate::stage1::Regression;
 use actuation_net::{ActuationNet, Adam, AdamState, JOINT_SIZE};
 use nalgebra::Vector3;
 use pd_solver::{
     AdjointOptions, AdjointStats, Parameters, SolveOptions, SolveStats, Solver, Status, Stop,
 };
+
+/// Superpositions learned along with one step.
+const BLENDS_PER_STEP: usize = 2;
 
 /// What one step through the simulator did.
 pub struct Step {
@@ -45,6 +49,8 @@ pub struct ThroughSimulator<'a> {
     pub descriptors: &'a [Vec<f32>],
     /// The solver.
     pub solver: Solver,
+    /// Superpositions that are learned along, where the scene wants it.
+    pub blends: Option<&'a Regression<'a>>,
 }
 
 /// Steps of the whole stage.
@@ -111,7 +117,16 @@ impl ThroughSimulator<'_> {
             .flatten()
             .map(|&x| x as f32)
             .collect();
-        let gradient = traced.backward(&actuation_bar, &[0.0; JOINT_SIZE]);
+        let mut gradient = traced.backward(&actuation_bar, &[0.0; JOINT_SIZE]);
+        if let Some(blends) = &self.blends {
+            let mut generator = draw::generator(self.scene.seed, 5, step);
+            let weight = settings.blend_weight / BLENDS_PER_STEP as f64;
+            let (count, gradient) = (BLENDS_PER_STEP, &mut gradient);
+            let added = blends.add_superpositions(net, count, &mut generator, weight, gradient);
+            if let Err(error) = added {
+                return Ok(Outcome::Dropped(error.to_string()));
+            }
+        }
         let lr = draw::decayed(
             settings.learning_rate,
             step,

@@ -1,6 +1,6 @@
 //! Training from a scene to a finished run, resumable at any step.
 
-use crate::body::{Body, Shape, ShapeSet, Shapes};
+use crate::body::{Body, Shape, Shapes};
 use crate::checkpoint::{Checkpoint, RunningMean, Stage, StageError};
 use crate::error::{Result, TrainerError};
 use crate::evaluate::{self, Evaluator, ShapeResult};
@@ -10,6 +10,7 @@ use crate::run::{Metrics, Run};
 use crate::scene::{Scene, SurfaceSource};
 use crate::stage1::{self, Pulled, Regression};
 use crate::stage2::{self, Outcome, ThroughSimulator};
+use crate::table::mean_of;
 use actuation_net::{ActuationNet, AdamState, NetworkConfig};
 use pd_solver::Solver;
 use serde_json::json;
@@ -115,6 +116,8 @@ pub fn train(run: &Run) -> Result<Trained> {
             warm: Vec::new(),
         }
     };
+    let training = shapes.training();
+    check_fit(&state, run, &body, training.len())?;
     let metrics = Metrics::open(run, state.metrics_length)?;
     let mut session = Session {
         run,
@@ -125,14 +128,22 @@ pub fn train(run: &Run) -> Result<Trained> {
         started: Instant::now(),
         last_checkpoint: Instant::now(),
     };
-    let training = shapes.training();
     let descriptors = training.iter().map(|s| shapes.descriptor(&s.positions));
     let descriptors: Vec<Vec<f32>> = descriptors.collect::<Result<_>>()?;
-    if session.state.stage == Stage::One {
-        session.stage1(&shapes, &training, &descriptors)?;
-    }
-    if session.state.stage == Stage::Two {
-        session.stage2(&training, &descriptors)?;
+    if session.state.stage != Stage::Done {
+        let pulled = stage1::pull(&body, &scene, &training, || session.check_stop())?;
+        let regression = Regression {
+            points: &body.points,
+            descriptors: &descriptors,
+            targets: &pulled,
+            basis: &shapes.basis_in_training(),
+            settings: &scene.stage1,
+            seed: scene.seed,
+        };
+        if session.state.stage == Stage::One {
+            session.stage1(&regression, &training, &descriptors)?;
+        }
+        session.stage2(&regression, &training, &descriptors)?;
     }
     let state = session.state;
     let results = evaluate::simulate(&scene, &body, &shapes, &state.net, &shapes.all);
@@ -141,7 +152,7 @@ pub fn train(run: &Run) -> Result<Trained> {
         other => other,
     })?;
     let folder = create_folder(&run.evaluation_folder())?;
-    evaluate::write(&folder, &scene, &body, &results, &shapes.all)?;
+    evaluate::write(&folder, &scene, &body, &results)?;
     crate::sheets::write_losses(run)?;
     Ok(Trained {
         results,
@@ -149,6 +160,24 @@ pub fn train(run: &Run) -> Result<Trained> {
         seconds: state.seconds,
         dropped: state.dropped,
         diagonal: body.diagonal,
+    })
+}
+
+/// A checkpoint knows its network; whether its positions are those of this body and these shapes shows here.
+fn check_fit(state: &Checkpoint, run: &Run, body: &Body, shapes: usize) -> Result<()> {
+    let nodes = body.mesh.nodes().len();
+    let is_new = state.stage == Stage::One && state.warm.is_empty();
+    if is_new || state.warm.len() == shapes && state.warm.iter().all(|x| x.len() == nodes) {
+        return Ok(());
+    }
+    let held = state.warm.first().map_or(0, Vec::len);
+    Err(TrainerError::Checkpoint {
+        path: run.checkpoint_path(),
+        problem: format!(
+            "holds {} shapes of {held} nodes, but the run's scene has {shapes} of {nodes}: undo what was changed in scene.toml, or train \
+             the changed scene into a new folder",
+            state.warm.len()
+        ),
     })
 }
 
@@ -178,6 +207,14 @@ impl Session<'_> {
         self.state.write(self.run)
     }
 
+    /// Ends the work when the user wants to stop and there is nothing to save yet.
+    fn check_stop(&self) -> Result<()> {
+        match stop_requested() {
+            true => Err(interrupted(self.run)),
+            false => Ok(()),
+        }
+    }
+
     /// Saves now and then, and when the user wants to stop.
     fn between_steps(&mut self) -> Result<()> {
         if stop_requested() {
@@ -192,29 +229,17 @@ impl Session<'_> {
 
     fn stage1(
         &mut self,
-        shapes: &Shapes,
+        regression: &Regression,
         training: &[&Shape],
         descriptors: &[Vec<f32>],
     ) -> Result<()> {
-        let settings = &self.scene.stage1;
-        let (blends, more) = stage1::blends(shapes, settings.blends, self.scene.seed);
-        let all: Vec<&Shape> = training.iter().copied().chain(&blends).collect();
-        let all_descriptors: Vec<_> = descriptors.iter().cloned().chain(more).collect();
-        let pulled = stage1::pull(self.body, self.scene, &all)?;
-        let of_training = &pulled[..training.len()];
         if self.state.warm.is_empty() {
-            self.state.warm = of_training.iter().map(|p| p.nodes.clone()).collect();
+            let nodes = regression.targets.iter().map(|p| p.nodes.clone());
+            self.state.warm = nodes.collect();
             self.save()?;
         }
-        let regression = Regression {
-            points: &self.body.points,
-            descriptors: &all_descriptors,
-            targets: &pulled,
-            settings,
-            seed: self.scene.seed,
-        };
-        self.regress(&regression)?;
-        self.measure_stage1(training, descriptors, of_training)?;
+        self.regress(regression)?;
+        self.measure_stage1(training, descriptors, regression.targets)?;
         self.state.stage = Stage::Two;
         self.state.step = 0;
         self.state.adam = AdamState::new(self.state.net.parameter_count());
@@ -276,7 +301,12 @@ impl Session<'_> {
         Ok(())
     }
 
-    fn stage2(&mut self, training: &[&Shape], descriptors: &[Vec<f32>]) -> Result<()> {
+    fn stage2(
+        &mut self,
+        regression: &Regression,
+        training: &[&Shape],
+        descriptors: &[Vec<f32>],
+    ) -> Result<()> {
         let steps = stage2::steps(&self.scene.stage2, training.len());
         let mut simulator = ThroughSimulator {
             body: self.body,
@@ -284,6 +314,7 @@ impl Session<'_> {
             shapes: training,
             descriptors,
             solver: Solver::new(&self.body.mesh, &self.scene.effects)?,
+            blends: (self.scene.stage2.blend_weight > 0.0).then_some(regression),
         };
         let percent = 100.0 / self.body.diagonal;
         let mut phase = Phase::new("stage 2", steps, self.state.step);
@@ -338,81 +369,31 @@ impl Session<'_> {
     }
 }
 
-/// Mean of some numbers; 0 of none.
-pub fn mean_of(values: impl Iterator<Item = f64>) -> f64 {
-    let (sum, count) = values.fold((0.0, 0), |(s, n), v| (s + v, n + 1));
-    if count == 0 { 0.0 } else { sum / count as f64 }
-}
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::fixture;
 
-/// The table that training and evaluation end with.
-pub fn table(results: &[ShapeResult], stage1: &[StageError], diagonal: f64, unit: &str) -> String {
-    use std::fmt::Write;
-    let percent = 100.0 / diagonal;
-    let width = results
-        .iter()
-        .map(|r| r.name.chars().count())
-        .max()
-        .unwrap_or(5)
-        .max(5);
-    let after1 = |name: &str| stage1.iter().find(|e| e.name == name);
-    let mut out = String::new();
-    let first = if stage1.is_empty() {
-        ""
-    } else {
-        "  stage 1 mean %"
-    };
-    let _ = writeln!(
-        out,
-        "{:width$}  {:8}{first}  mean {unit:<6}  mean %  max {unit:<6}   max %     energy  iterations  seconds  inverted",
-        "shape", "set",
-    );
-    for r in results {
-        let before = match (stage1.is_empty(), after1(&r.name)) {
-            (true, _) => String::new(),
-            (false, Some(e)) => format!("  {:14.3}", e.mean * percent),
-            (false, None) => format!("  {:>14}", "-"),
-        };
-        let unfinished = if r.status == pd_solver::Status::Converged {
-            ""
-        } else {
-            "  not converged"
-        };
-        let _ = writeln!(
-            out,
-            "{:width$}  {:8}{before}  {:11.5}  {:6.3}  {:10.5}  {:6.3}  {:9.3e}  {:10}  {:7.2}  {:8}{unfinished}",
-            r.name,
-            r.set.label(),
-            r.mean_error,
-            r.mean_error_percent,
-            r.max_error,
-            r.max_error_percent,
-            r.energy,
-            r.iterations,
-            r.seconds,
-            r.inverted_elements,
-        );
-    }
-    for set in [ShapeSet::Train, ShapeSet::HeldOut, ShapeSet::Blend] {
-        let of_set = || results.iter().filter(|r| r.set == set);
-        if of_set().count() == 0 {
-            continue;
+    /// A basis of its own leaves the network's size as it is: nothing but the positions tells that the scene was changed.
+    #[test]
+    fn a_run_whose_scene_was_changed_is_not_resumed() {
+        let folder = tempfile::tempdir().unwrap();
+        let run = Run::create(folder.path(), fixture::SCENE, &fixture::inputs()).unwrap();
+        assert_eq!(train(&run).unwrap().results.len(), 3);
+        for (from, to, expected) in [
+            ("[mesh]", "held_out = [\"both\"]\n[mesh]", "holds 3 shapes"),
+            (
+                "element_size = 0.4",
+                "element_size = 0.3",
+                "train the changed scene",
+            ),
+        ] {
+            let text = fixture::SCENE.replace(from, to);
+            std::fs::write(folder.path().join("scene.toml"), text).unwrap();
+            let message = train(&run).err().map(|e| e.to_string()).unwrap_or_default();
+            assert!(message.contains(expected), "{message}");
         }
-        let mean = mean_of(of_set().map(|r| r.mean_error_percent));
-        let _ = write!(
-            out,
-            "{:>width$}  {:8} mean error {mean:.3} % of the diagonal",
-            "",
-            set.label()
-        );
-        if set == ShapeSet::Train && !stage1.is_empty() {
-            let before = percent * mean_of(stage1.iter().map(|e| e.mean));
-            let _ = write!(
-                out,
-                " ({before:.3} % after stage 1, {:.1} times as much)",
-                before / mean
-            );
-        }
-        out.push('\n');
+        std::fs::write(folder.path().join("scene.toml"), fixture::SCENE).unwrap();
+        train(&run).unwrap();
     }
-    out
 }
