@@ -1,4 +1,4 @@
-//! What training and evaluation of the default starfish repeat, at an element size of 0.06: one step of stage 1 (four shapes), one
+//! What training and evaluation of the default starfish repeat, at an element size of 0.06: one step of stage 1, one
 //! step of stage 2 (network, equilibrium from a warm start, adjoint, network backwards), and one shape simulated from rest.
 
 use actuation_net::{ActuationNet, AdamState};
@@ -15,23 +15,21 @@ use trainer::train::network_config;
 
 const FOLDER: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../data/scenes");
 /// Passes of stage 1 that come first, so that the network is one that training meets.
-const EPOCHS: usize = 100;
+const EPOCHS: usize = 20;
 
 fn steps(c: &mut Criterion) {
     let folder = Path::new(FOLDER);
     let (mut scene, _) = Scene::read(&folder.join("starfish.toml")).expect("a valid scene");
     scene.mesh.element_size = 0.06;
-    scene.stage1.batch = 4;
     scene.stage1.epochs = EPOCHS;
     let inputs = load_shapes(&scene, folder).expect("a valid starfish");
     let surface = inputs.surface.clone();
     let body = Body::new("starfish", surface, 0.06, scene.mesh.samples).expect("it fits");
     let shapes = Shapes::new(&scene, &inputs, &body.vertex_weights).expect("valid shapes");
-    // One batch: what a step costs does not depend on how many shapes there are.
-    let training = &shapes.training()[..4];
+    let training = shapes.training();
     let descriptor = |s: &&trainer::body::Shape| shapes.descriptor(&s.positions).expect("fits");
     let descriptors: Vec<Vec<f32>> = training.iter().map(descriptor).collect();
-    let pulled = stage1::pull(&body, &scene, training, || Ok(())).expect("valid effects");
+    let pulled = stage1::pull(&body, &scene, &training, || Ok(())).expect("valid effects");
 
     let config = network_config(&scene, &shapes);
     let mut net = ActuationNet::new(&config, scene.seed).expect("a valid network");
@@ -40,6 +38,7 @@ fn steps(c: &mut Criterion) {
         points: &body.points,
         descriptors: &descriptors,
         targets: &pulled,
+        basis: &shapes.basis_in_training(),
         settings: &scene.stage1,
         seed: scene.seed,
     };
@@ -65,9 +64,10 @@ fn steps(c: &mut Criterion) {
     let mut simulator = ThroughSimulator {
         body: &body,
         scene: &scene,
-        shapes: training,
+        shapes: &training,
         descriptors: &descriptors,
         solver: Solver::new(&body.mesh, &scene.effects).expect("valid effects"),
+        blends: (scene.stage2.blend_weight > 0.0).then_some(&regression),
     };
     group.bench_function("stage 2, one step", |b| {
         b.iter_batched_ref(

@@ -40,7 +40,7 @@ width = 64
 epochs = 60
 batch = 2
 points = 256
-blends = 6
+blends = 2
 
 [stage2]
 epochs = 10

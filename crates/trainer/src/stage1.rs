@@ -335,10 +335,8 @@ mod tests {
         for _ in 0..30 {
             let chosen = [0, 7, 3];
             let (weights, target) = regression.superposition(&chosen, &mut one);
-            assert_eq!((&weights, &target), {
-                let again = regression.superposition(&chosen, &mut same);
-                (&again.0.clone(), &again.1.clone())
-            });
+            let again = regression.superposition(&chosen, &mut same);
+            assert_eq!((&weights, &target), (&again.0, &again.1));
             assert!(weights.iter().all(|w| (0.0..=1.0).contains(w)));
             for (i, &point) in chosen.iter().enumerate() {
                 for k in 0..6 {
@@ -388,6 +386,7 @@ mod tests {
             points: &body.points,
             descriptors: &descriptors,
             targets: &pulled,
+            basis: &[0, 1],
             settings: &settings,
             seed: 1,
         };
