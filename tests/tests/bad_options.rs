@@ -1,6 +1,6 @@
 //! Options and arrays of `solve` that do not fit: one clear line of error, and nothing written.
 
-use myofield_tests::Place;
+use myofield_tests::{Place, check};
 use npyz::{Order, WriterBuilder};
 use trainer::npy;
 
