@@ -25,9 +25,9 @@ fn main() -> ExitCode {
     let rest: Vec<String> = arguments.collect();
     match command.as_str() {
         "train" | "eval" | "solve" => program(&command, &rest),
-        "test" => all_of(&[tests(&rest)]),
-        "bench" => all_of(&[benches(&rest)]),
-        "ci" => all_of(&checks()),
+        "test" => run(&tests(&rest)),
+        "bench" => run(&benches(&rest)),
+        "ci" => checks(),
         "" | "help" | "-h" | "--help" => {
             print!("{HELP}");
             ExitCode::SUCCESS
@@ -58,21 +58,18 @@ fn benches(more: &[String]) -> Line {
     words
 }
 
-fn checks() -> Vec<Line> {
-    vec![
-        line("fmt --all --check"),
-        line("clippy --release --workspace --all-targets -- -D warnings"),
-        line("doc --release --workspace --no-deps"),
-        tests(&[]),
-        line("package -p polar-grad --allow-dirty"),
-    ]
-}
-
 fn program(command: &str, rest: &[String]) -> ExitCode {
     let mut words = line("run --quiet --release --package trainer --bin myofield --");
     words.push(command.to_string());
     words.extend_from_slice(rest);
     become_or_run(cargo(&words))
+}
+
+/// The one list of checks is the script that guards the project.
+fn checks() -> ExitCode {
+    let mut script = Command::new("bash");
+    script.arg(root().join(".ci").join("run"));
+    wait_for(script)
 }
 
 /// Hands this process over, so that Ctrl-C and kill reach the program itself.
@@ -87,29 +84,16 @@ fn become_or_run(command: Command) -> ExitCode {
     wait_for(command)
 }
 
-/// Runs the lines in order and stops at the first that fails.
-fn all_of(lines: &[Line]) -> ExitCode {
-    for words in lines {
-        eprintln!("cargo {}", words.join(" "));
-        let code = run(words);
-        if code != ExitCode::SUCCESS {
-            return code;
-        }
-    }
-    ExitCode::SUCCESS
-}
-
+/// Says what it runs, and runs it.
 fn run(words: &[String]) -> ExitCode {
+    eprintln!("cargo {}", words.join(" "));
     wait_for(cargo(words))
 }
 
 /// A cargo command in the folder that the user stands in, so that paths on the command line mean what they say; the manifest is
 /// named, so that this works from anywhere.
 fn cargo(words: &[String]) -> Command {
-    let manifest = Path::new(env!("CARGO_MANIFEST_DIR"))
-        .parent()
-        .expect("xtask lies in the workspace")
-        .join("Cargo.toml");
+    let manifest = root().join("Cargo.toml");
     let mut command = Command::new(std::env::var("CARGO").unwrap_or_else(|_| "cargo".into()));
     let (verb, rest) = words.split_first().expect("a command");
     command
@@ -117,10 +101,14 @@ fn cargo(words: &[String]) -> Command {
         .arg("--manifest-path")
         .arg(manifest)
         .args(rest);
-    if verb == "doc" {
-        command.env("RUSTDOCFLAGS", "-D warnings");
-    }
     command
+}
+
+/// The root of the workspace.
+fn root() -> &'static Path {
+    Path::new(env!("CARGO_MANIFEST_DIR"))
+        .parent()
+        .expect("xtask lies in the workspace")
 }
 
 fn wait_for(mut command: Command) -> ExitCode {
