@@ -110,10 +110,11 @@ fn minor<S: Simd>(simd: S, a: S::f64s, b: S::f64s, c: S::f64s, d: S::f64s) -> S:
 
 #[inline(always)]
 fn cofactor<S: Simd>(simd: S, m: &LaneMatrix<S>) -> LaneMatrix<S> {
+    let [first, second, third] = cofactor_first_row(simd, m);
     [
-        minor(simd, m[4], m[8], m[5], m[7]),
-        minor(simd, m[5], m[6], m[3], m[8]),
-        minor(simd, m[3], m[7], m[4], m[6]),
+        first,
+        second,
+        third,
         minor(simd, m[2], m[7], m[1], m[8]),
         minor(simd, m[0], m[8], m[2], m[6]),
         minor(simd, m[1], m[6], m[0], m[7]),
