@@ -1,8 +1,7 @@
 //! Triangular solves with a supernodal Cholesky factor, for the three axes at once.
 //!
 //! faer factors well, but its solve multiplies general matrices, which for three right-hand sides packs more than it computes.
-//! Here a row's three values lie side by side (with one of padding) and every entry of the factor is read once per sweep: a
-//! quarter of the time on 8,000 elements.
+//! Here a row's three values lie side by side (with one of padding) and every entry of the factor is read once per sweep.
 
 use faer::sparse::linalg::cholesky::supernodal::SupernodalLltRef;
 use faer::sparse::linalg::cholesky::{SymbolicCholesky, SymbolicCholeskyRaw};

@@ -7,8 +7,7 @@ use rayon::prelude::*;
 /// A value per node.
 pub type NodalVector = Vec<Vector3<f64>>;
 
-/// Nodes per chunk. Fewer nodes than this are not worth waking another thread for: on 4,000 nodes, chunks of 1,024 made a
-/// whole solve a third slower than one.
+/// Nodes per chunk. Fewer nodes than this are not worth waking another thread for.
 const CHUNK: usize = 8192;
 
 /// Sum of `a . b` over all nodes.
