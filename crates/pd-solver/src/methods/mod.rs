@@ -1,5 +1,6 @@
 //! The methods, one per file, behind one signature.
 
+mod descent;
 mod lbfgs;
 mod local_global;
 mod newton;
@@ -34,6 +35,3 @@ pub(crate) struct Outcome {
     pub(crate) gradient_norm: f64,
     pub(crate) estimated_error: Option<f64>,
 }
-
-/// Relative size of what roundoff does to an energy that is a sum over many samples.
-pub(crate) const ENERGY_ROUNDOFF: f64 = 1e-14;

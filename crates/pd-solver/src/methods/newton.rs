@@ -1,11 +1,11 @@
 //! Newton's method on the true Hessian: conjugate gradients that stop at negative curvature, and a line search.
 
-use super::lbfgs::search;
+use super::descent::Descent;
 use super::{Outcome, Target};
 use crate::krylov::{LinearSolution, conjugate_gradients};
 use crate::problem::Problem;
 use crate::solution::Status;
-use crate::vector::{NodalVector, dot, max_norm, norm, zeros};
+use crate::vector::{NodalVector, dot, max_norm};
 use polar_grad::Filter;
 
 /// Iterations of conjugate gradients per step.
@@ -32,64 +32,35 @@ pub(crate) fn newton(
     target: &Target,
     max_iterations: usize,
 ) -> Outcome {
-    let n = problem.len();
-    let (mut gradient, mut trial_gradient, mut trial) = (zeros(n), zeros(n), zeros(n));
-    let mut energy = problem.evaluate(u, &mut gradient);
-    let mut gradient_norm = norm(&gradient);
-    let start_norm = gradient_norm;
+    let mut descent = Descent::start(problem, u);
+    let start_norm = descent.gradient_norm;
     let mut estimate = None;
-    let mut iterations = 0;
     let status = loop {
-        if !(energy.is_finite() && gradient_norm.is_finite()) {
-            break Status::NotFinite;
-        }
-        if gradient_norm <= target.gradient {
-            break Status::Converged;
-        }
-        if iterations == max_iterations {
-            break Status::IterationLimit;
+        if let Some(status) = descent.stop(target, max_iterations) {
+            break status;
         }
         // Superlinear convergence near the end, no waste far from it (Eisenstat and Walker 1996).
-        let tolerance = LOOSEST.min((gradient_norm / start_norm).sqrt());
-        let linear = newton_direction(problem, u, &gradient, tolerance);
-        let direction = linear.x;
+        let tolerance = LOOSEST.min((descent.gradient_norm / start_norm).sqrt());
+        let direction = newton_direction(problem, u, &descent.gradient, tolerance).x;
         let length = max_norm(&direction);
-        let slope = dot(&gradient, &direction);
+        let slope = dot(&descent.gradient, &direction);
         if slope <= 0.0 || !slope.is_finite() {
             break Status::Stalled;
         }
-        let accepted = search(
-            problem,
-            (u, energy, gradient_norm),
-            (&direction, slope),
-            &mut trial,
-            &mut trial_gradient,
-        );
-        let Some(trial_energy) = accepted else {
+        if !descent.step(problem, u, &direction, slope) {
             // Not even a tiny part of an exact Newton step helps: the step itself says how far the minimum is.
-            if target.is_met(gradient_norm, Some(length)) {
+            if target.is_met(descent.gradient_norm, Some(length)) {
                 estimate = Some(length);
                 break Status::Converged;
             }
             break Status::Stalled;
-        };
-        std::mem::swap(u, &mut trial);
-        std::mem::swap(&mut gradient, &mut trial_gradient);
-        energy = trial_energy;
-        gradient_norm = norm(&gradient);
-        iterations += 1;
+        }
         // What remains after the step is what the linear solve left and what the curvature of the energy adds; the second is
         // not known, so no step counts for more than a reduction by REMAINS.
         estimate = Some(length * REMAINS);
-        if target.is_met(gradient_norm, estimate) {
+        if target.is_met(descent.gradient_norm, estimate) {
             break Status::Converged;
         }
     };
-    Outcome {
-        status,
-        iterations,
-        energy,
-        gradient_norm,
-        estimated_error: estimate,
-    }
+    descent.outcome(status, estimate)
 }
