@@ -7,7 +7,6 @@ use crate::solution::{Adjoint, AdjointOptions, AdjointStats, AdjointStatus, Solu
 use crate::spec::{Parameters, check_array};
 use crate::vector::{norm, zeros};
 use nalgebra::Vector3;
-use polar_grad::Filter;
 use std::time::Instant;
 
 /// How much the residual at the given positions may exceed the one the forward solve reported: roundoff, not another state.
@@ -44,7 +43,7 @@ pub(crate) fn adjoint(
     if !options.allow_unconverged && !is_equilibrium(problem, solution) {
         return Ok(refused(AdjointStatus::ForwardNotConverged));
     }
-    problem.linearise(u, Filter::Exact);
+    problem.linearise(u);
     let smallest_pair_sum = problem.work.smallest_pair_sum;
 
     // Scaled to unit size, so that cotangents near the limits of the number format neither overflow nor vanish.

@@ -9,7 +9,6 @@ use crate::spec::{EffectSpec, Parameters};
 use crate::vector::{NodalVector, zeros};
 use hex_mesh::HexMesh;
 use nalgebra::Vector3;
-use polar_grad::Filter;
 
 /// Everything the methods need to know of a body.
 pub(crate) struct Problem {
@@ -96,8 +95,8 @@ impl Problem {
         energy
     }
 
-    pub(crate) fn linearise(&mut self, u: &[Vector3<f64>], filter: Filter) {
-        self.effects.iter_mut().for_each(|e| e.linearise(u, filter));
+    pub(crate) fn linearise(&mut self, u: &[Vector3<f64>]) {
+        self.effects.iter_mut().for_each(|e| e.linearise(u));
         self.work.linearisations += 1;
         self.work.smallest_pair_sum = self
             .effects

@@ -94,7 +94,7 @@ impl Solver {
     ) -> Result<NodalVector, SolverError> {
         self.take(parameters, u)?;
         check_positions("direction", x, self.problem.len())?;
-        self.problem.linearise(u, polar_grad::Filter::Exact);
+        self.problem.linearise(u);
         let mut out = vec![Vector3::zeros(); u.len()];
         self.problem.full_hessian_product(x, &mut out);
         Ok(out)

@@ -1,320 +1,265 @@
 //! Shape-targeting elasticity with actuation: energy, gradient, Hessian products and the derivative by the actuation, as sums
 //! over elements and their samples (maths.md "Energy, gradient, Hessian").
 
+mod block;
+mod hourglass;
+mod kernel;
+mod linearise;
+mod plain;
+mod rotation_factor;
+mod slabs;
+mod tensor;
+#[cfg(test)]
+mod tests;
+
 use super::Effect;
-use super::hourglass::Hourglass;
-use super::kernel::{
-    Actuation, GROUP, Linearisation, SampleGroup, deformation_gradient, energy_gradient,
-    hessian_product, no_forces,
-};
 use crate::constant::ConstantMatrix;
 use crate::spec::Parameters;
 use crate::vector::NodalVector;
-use hex_mesh::{HexMesh, NodeElements};
-use nalgebra::{Matrix3, Vector3};
-use polar_grad::{Filter, HessianCore, actuation_vjp};
-use pulp::{Arch, Simd, WithSimd};
+use block::{Block, LANES};
+use hex_mesh::{HexMesh, Quadrature};
+use kernel::{
+    Actuation, ActuationVjp, AddForces, EnergyGradient, HessianProduct, Linearisation, SampleLaw,
+};
+use linearise::Linearise;
+use nalgebra::Vector3;
+use plain::constant_blocks;
+pub use plain::deformation_gradients;
+use pulp::Arch;
 use rayon::prelude::*;
+use slabs::Slabs;
+use tensor::TensorRule;
 
-/// Elements per task: large enough to hide the scheduling, small enough to balance two cores on a thousand elements.
-const CHUNK: usize = 32;
+/// Blocks per task where nothing is added to nodes.
+const BLOCKS_PER_TASK: usize = 16;
 
-/// Positions or forces of an element's eight corners.
-pub(super) type Corners = [Vector3<f64>; 8];
+/// What elasticity needs to know of a body: boxes along the axes, of any sizes.
+pub(crate) struct ElasticBody {
+    /// The eight nodes of each element, x slowest and z fastest.
+    pub(crate) elements: Vec<[u32; 8]>,
+    /// Edge lengths of each element.
+    pub(crate) sizes: Vec<Vector3<f64>>,
+    /// Stiffness times volume (times the share of it that is filled) of each element.
+    pub(crate) weights: Vec<f64>,
+    /// Samples per element.
+    pub(crate) quadrature: Quadrature,
+    /// Nodes of the body.
+    pub(crate) node_count: usize,
+}
+
+impl ElasticBody {
+    /// The full cubes of a mesh.
+    pub(crate) fn from_mesh(mesh: &HexMesh, stiffness: f64) -> Self {
+        let count = mesh.elements().len();
+        Self {
+            elements: mesh.elements().to_vec(),
+            sizes: vec![Vector3::repeat(mesh.element_size()); count],
+            weights: vec![stiffness * mesh.element_volume(); count],
+            quadrature: Quadrature::from_count(mesh.quadrature().len())
+                .expect("a mesh has one of the known rules"),
+            node_count: mesh.nodes().len(),
+        }
+    }
+}
+
+/// The Gauss rule, by its points per axis.
+enum Rule {
+    One(TensorRule<1>),
+    Two(TensorRule<2>),
+    Three(TensorRule<3>),
+}
+
+impl Rule {
+    fn new(quadrature: Quadrature) -> Self {
+        match quadrature {
+            Quadrature::One => Self::One(TensorRule::new(quadrature)),
+            Quadrature::Eight => Self::Two(TensorRule::new(quadrature)),
+            Quadrature::TwentySeven => Self::Three(TensorRule::new(quadrature)),
+        }
+    }
+}
+
+/// Does the same with the rule that there is, whose points per axis are a constant in `$body`.
+macro_rules! with_rule {
+    ($rule:expr, $name:ident => $body:expr) => {
+        match $rule {
+            Rule::One($name) => $body,
+            Rule::Two($name) => $body,
+            Rule::Three($name) => $body,
+        }
+    };
+}
 
 /// All elements of the body in one batch.
 pub(crate) struct Elasticity {
-    elements: Vec<[u32; 8]>,
-    incidence: NodeElements,
-    /// Gradients of the corner weights at each sample; one set serves all elements, which are equal cubes.
-    gradients: Vec<Corners>,
-    /// Stiffness times volume share of each sample.
-    weights: Vec<f64>,
-    /// The same, side by side for the kernels.
-    groups: Vec<SampleGroup>,
-    /// Holds the modes that a single sample does not see.
-    hourglass: Option<Hourglass>,
-    /// `[elements * groups]`.
+    body: ElasticBody,
+    rule: Rule,
+    slabs: Slabs,
+    /// Eight elements each.
+    blocks: Vec<Block>,
+    /// `[blocks * samples]`.
     actuation: Vec<Actuation>,
-    /// `[elements * groups]`, empty before the first linearisation.
+    /// `[blocks * samples]`, empty before the first linearisation.
     linearisation: Vec<Linearisation>,
+    /// Of the last linearisation.
     smallest_pair_sum: Option<f64>,
-    forces: Vec<Corners>,
+    arch: Arch,
 }
 
 impl Elasticity {
-    pub(crate) fn new(mesh: &HexMesh, stiffness: f64) -> Self {
-        let rule = mesh.quadrature();
-        let scale = stiffness * mesh.element_volume();
-        let gradients = rule.gradients(mesh.element_size());
-        let weights: Vec<f64> = rule.weights.iter().map(|w| w * scale).collect();
-        let hourglass = (rule.len() == 1).then(|| Hourglass::new(mesh.element_size(), scale));
-        let groups = SampleGroup::all(&gradients, &weights);
-        let elements = mesh.elements().to_vec();
-        let at_rest = Actuation::new(&[[0.0; 6]]);
+    /// The batch of a body, with the actuation at rest.
+    ///
+    /// # Panics
+    /// When there is not one size and one weight per element.
+    pub(crate) fn new(body: ElasticBody) -> Self {
+        let count = body.elements.len();
+        assert_eq!(body.sizes.len(), count, "one size per element");
+        assert_eq!(body.weights.len(), count, "one weight per element");
+        let ranges = (0..count).step_by(LANES);
+        let blocks: Vec<Block> = ranges
+            .map(|first| first..count.min(first + LANES))
+            .map(|range| {
+                Block::new(
+                    &body.elements[range.clone()],
+                    &body.sizes[range.clone()],
+                    &body.weights[range],
+                )
+            })
+            .collect();
         Self {
-            incidence: mesh.node_elements(),
-            actuation: vec![at_rest; elements.len() * groups.len()],
+            rule: Rule::new(body.quadrature),
+            slabs: Slabs::new(&body.elements, body.node_count),
+            actuation: vec![Actuation::identity(); blocks.len() * body.quadrature.count()],
             linearisation: Vec::new(),
             smallest_pair_sum: None,
-            forces: vec![no_forces(); elements.len()],
-            elements,
-            gradients,
-            weights,
-            groups,
-            hourglass,
+            arch: Arch::new(),
+            blocks,
+            body,
         }
     }
 
-    /// Runs `kernel` over all elements, adds the forces to the nodes, and returns the sum of the energies. Sums are taken in a
-    /// fixed order, so the result does not depend on the number of threads.
-    fn over_elements(
-        &mut self,
-        x: &[Vector3<f64>],
-        out: &mut NodalVector,
-        kernel: impl ElementKernel,
-    ) -> f64 {
-        let mut forces = std::mem::take(&mut self.forces);
-        let this = &*self;
-        let arch = Arch::new();
-        let partial: Vec<f64> = forces
-            .par_chunks_mut(CHUNK)
-            .enumerate()
-            .map(|(chunk, forces)| {
-                let first = chunk * CHUNK;
-                arch.dispatch(OverChunk {
-                    this,
-                    kernel: &kernel,
-                    first,
-                    x,
-                    forces,
-                })
-            })
-            .collect();
-        out.par_iter_mut()
-            .with_min_len(512)
-            .enumerate()
-            .for_each(|(node, out)| {
-                for at in this.incidence.at(node) {
-                    *out += forces[at.element as usize][at.corner as usize];
-                }
-            });
-        self.forces = forces;
-        partial.iter().sum()
-    }
-
-    #[inline(always)]
-    fn gather(&self, element: usize, x: &[Vector3<f64>]) -> Corners {
-        self.elements[element].map(|node| x[node as usize])
+    /// The batch of the cubes of a mesh.
+    pub(crate) fn from_mesh(mesh: &HexMesh, stiffness: f64) -> Self {
+        Self::new(ElasticBody::from_mesh(mesh, stiffness))
     }
 
     fn samples(&self) -> usize {
-        self.weights.len()
+        self.body.quadrature.count()
     }
 
-    /// The core of one sample, exact.
-    fn core(&self, element: usize, sample: usize, x: &Corners) -> (Matrix3<f64>, HessianCore) {
-        let f = deformation_gradient(x, &self.gradients[sample]);
-        let group = element * self.groups.len() + sample / GROUP;
-        let a = self.actuation[group].matrix(sample % GROUP);
-        (f, HessianCore::new(&f, &a))
-    }
-}
-
-/// What is done in one element: forces from corner values, and an energy where there is one.
-trait ElementKernel: Sync {
-    fn run<S: Simd>(
+    /// Adds the forces of the stresses that `law` answers the values `x` with, and returns the energy.
+    fn add_forces<L: SampleLaw>(
         &self,
-        simd: S,
-        this: &Elasticity,
-        element: usize,
-        x: &Corners,
-        force: &mut Corners,
-    ) -> f64;
-}
-
-/// Energy and its gradient.
-struct EnergyGradient;
-
-impl ElementKernel for EnergyGradient {
-    #[inline(always)]
-    fn run<S: Simd>(
-        &self,
-        simd: S,
-        this: &Elasticity,
-        element: usize,
-        x: &Corners,
-        force: &mut Corners,
+        x: &[Vector3<f64>],
+        out: &mut [Vector3<f64>],
+        law: &L,
     ) -> f64 {
-        let first = element * this.groups.len();
-        let groups = this.groups.iter().zip(&this.actuation[first..]);
-        let mut energy = 0.0;
-        for (group, actuation) in groups {
-            energy += energy_gradient(simd, group, actuation, x, force);
-        }
-        energy
+        assert_eq!(x.len(), self.body.node_count, "one vector per node");
+        assert_eq!(out.len(), self.body.node_count, "one vector per node");
+        with_rule!(&self.rule, rule => {
+            self.slabs.run(out, &|blocks, first_node, out| {
+                self.arch.dispatch(AddForces {
+                    rule,
+                    law,
+                    first_block: blocks.start,
+                    blocks: &self.blocks[blocks],
+                    x,
+                    out,
+                    first_node,
+                })
+            })
+        })
     }
-}
-
-/// The product of the Hessian with a direction.
-struct HessianProduct;
-
-impl ElementKernel for HessianProduct {
-    #[inline(always)]
-    fn run<S: Simd>(
-        &self,
-        simd: S,
-        this: &Elasticity,
-        element: usize,
-        x: &Corners,
-        force: &mut Corners,
-    ) -> f64 {
-        let first = element * this.groups.len();
-        let states = this.actuation[first..]
-            .iter()
-            .zip(&this.linearisation[first..]);
-        for (group, (actuation, at)) in this.groups.iter().zip(states) {
-            hessian_product(simd, group, actuation, at, x, force);
-        }
-        0.0
-    }
-}
-
-/// A kernel over the elements of one task.
-struct OverChunk<'a, K> {
-    this: &'a Elasticity,
-    kernel: &'a K,
-    first: usize,
-    x: &'a [Vector3<f64>],
-    forces: &'a mut [Corners],
-}
-
-impl<K: ElementKernel> WithSimd for OverChunk<'_, K> {
-    type Output = f64;
-
-    #[inline(always)]
-    fn with_simd<S: Simd>(self, simd: S) -> f64 {
-        let mut sum = 0.0;
-        for (i, force) in self.forces.iter_mut().enumerate() {
-            let x = self.this.gather(self.first + i, self.x);
-            *force = no_forces();
-            if let Some(hourglass) = &self.this.hourglass {
-                sum += hourglass.add(&x, force);
-            }
-            sum += self.kernel.run(simd, self.this, self.first + i, &x, force);
-        }
-        sum
-    }
-}
-
-/// `sum_q w_q g_a . g_b`: one element's block of the constant matrix.
-pub(super) fn stiffness_block(gradients: &[Corners], weights: &[f64]) -> [[f64; 8]; 8] {
-    let entry = |a: usize, b: usize| -> f64 {
-        let samples = gradients.iter().zip(weights);
-        samples.map(|(g, w)| w * g[a].dot(&g[b])).sum()
-    };
-    std::array::from_fn(|a| std::array::from_fn(|b| entry(a, b)))
-}
-
-/// The deformation gradient at every sample, `[elements * samples]`, for positions of all nodes.
-///
-/// # Panics
-/// When `positions` has not one entry per node.
-pub fn deformation_gradients(mesh: &HexMesh, positions: &[Vector3<f64>]) -> Vec<Matrix3<f64>> {
-    assert_eq!(positions.len(), mesh.nodes().len(), "one position per node");
-    let gradients = mesh.quadrature().gradients(mesh.element_size());
-    let of_element = |nodes: &[u32; 8]| {
-        let x = nodes.map(|node| positions[node as usize]);
-        gradients
-            .iter()
-            .map(move |g| deformation_gradient(&x, g))
-            .collect::<Vec<_>>()
-    };
-    mesh.elements().iter().flat_map(of_element).collect()
 }
 
 impl Effect for Elasticity {
     fn add_constant(&self, matrix: &mut ConstantMatrix) {
-        let mut block = stiffness_block(&self.gradients, &self.weights);
-        if let Some(hourglass) = &self.hourglass {
-            hourglass.add_block(&mut block);
-        }
-        for nodes in &self.elements {
-            matrix.add_block(nodes, |a, b| block[a][b]);
+        let body = &self.body;
+        let axes = constant_blocks(body.quadrature);
+        let sizes = body.sizes.iter().zip(&body.weights);
+        for (nodes, (size, weight)) in body.elements.iter().zip(sizes) {
+            let inverse2 = [0, 1, 2].map(|axis| 1.0 / (size[axis] * size[axis]));
+            let mut block = [[0.0; 8]; 8];
+            for (axis, inverse2) in axes.iter().zip(inverse2) {
+                for (entry, x) in block.as_flattened_mut().iter_mut().zip(axis.as_flattened()) {
+                    *entry += inverse2 * x;
+                }
+            }
+            if body.quadrature == Quadrature::One {
+                hourglass::add_to_constant(inverse2, &mut block);
+            }
+            matrix.add_block(nodes, |a, b| weight * block[a][b]);
         }
     }
 
     fn set_parameters(&mut self, parameters: &Parameters) {
-        let (samples, groups) = (self.samples(), self.groups.len());
+        let samples = self.samples();
         self.actuation
-            .par_chunks_mut(groups)
-            .zip(parameters.actuation.par_chunks(samples))
-            .with_min_len(CHUNK)
-            .for_each(|(out, b)| {
-                for (out, b) in out.iter_mut().zip(b.chunks(GROUP)) {
-                    *out = Actuation::new(b);
-                }
-            });
-    }
-
-    fn energy_gradient(&mut self, u: &[Vector3<f64>], gradient: &mut NodalVector) -> f64 {
-        self.over_elements(u, gradient, EnergyGradient)
-    }
-
-    fn linearise(&mut self, u: &[Vector3<f64>], filter: Filter) {
-        let groups = self.groups.len();
-        let linearise = |this: &Self, element: usize| {
-            let x = this.gather(element, u);
-            let cores: Vec<HessianCore> = (0..this.samples())
-                .map(|q| this.core(element, q, &x).1.filtered(filter))
-                .collect();
-            let sums = cores.iter().map(|c| c.gradient.smallest_pair_sum);
-            let smallest = sums.fold(f64::INFINITY, f64::min);
-            let of_groups: Vec<_> = cores.chunks(GROUP).map(Linearisation::new).collect();
-            (of_groups, smallest)
-        };
-        let mut all = std::mem::take(&mut self.linearisation);
-        all.resize(self.actuation.len(), Linearisation::unset());
-        let this = &*self;
-        let smallest = all
-            .par_chunks_mut(groups)
-            .with_min_len(CHUNK)
-            .enumerate()
-            .map(|(element, out)| {
-                let (new, smallest) = linearise(this, element);
-                out.copy_from_slice(&new);
-                smallest
-            })
-            .reduce(|| f64::INFINITY, f64::min);
-        self.linearisation = all;
-        self.smallest_pair_sum = Some(smallest);
-    }
-
-    fn hessian_product(&mut self, x: &[Vector3<f64>], out: &mut NodalVector) {
-        self.over_elements(x, out, HessianProduct);
-    }
-
-    fn parameter_vjp(&mut self, u: &[Vector3<f64>], z: &[Vector3<f64>], out: &mut Parameters) {
-        let (this, samples) = (&*self, self.samples());
-        out.actuation
             .par_chunks_mut(samples)
-            .with_min_len(CHUNK)
-            .enumerate()
-            .for_each(|(element, out)| {
-                let (x, z) = (this.gather(element, u), this.gather(element, z));
-                for (q, out) in out.iter_mut().enumerate() {
-                    let (f, core) = this.core(element, q, &x);
-                    let y = deformation_gradient(&z, &this.gradients[q]);
-                    let b_bar = actuation_vjp(&core, &f, &y);
-                    for (out, b) in out.iter_mut().zip(b_bar) {
-                        *out += this.weights[q] * b;
+            .zip(parameters.actuation.par_chunks(LANES * samples))
+            .with_min_len(BLOCKS_PER_TASK)
+            .for_each(|(out, of_block)| {
+                // Filled lanes repeat the first element, as in the block.
+                let rest = of_block
+                    .chunks(samples)
+                    .chain(std::iter::repeat(&of_block[..samples]));
+                for (lane, of_element) in rest.take(LANES).enumerate() {
+                    for (out, b) in out.iter_mut().zip(of_element) {
+                        out.set(lane, b);
                     }
                 }
             });
     }
 
+    fn energy_gradient(&mut self, u: &[Vector3<f64>], gradient: &mut NodalVector) -> f64 {
+        let actuation = &self.actuation;
+        self.add_forces(u, gradient, &EnergyGradient { actuation })
+    }
+
+    fn linearise(&mut self, u: &[Vector3<f64>]) {
+        assert_eq!(u.len(), self.body.node_count, "one vector per node");
+        let mut all = std::mem::take(&mut self.linearisation);
+        all.resize(self.actuation.len(), Linearisation::unset());
+        let per_task = BLOCKS_PER_TASK * self.samples();
+        let smallest = with_rule!(&self.rule, rule => {
+            all.par_chunks_mut(per_task)
+                .zip(self.actuation.par_chunks(per_task))
+                .zip(self.blocks.par_chunks(BLOCKS_PER_TASK))
+                .map(|((out, actuation), blocks)| {
+                    self.arch.dispatch(Linearise { rule, blocks, actuation, u, out })
+                })
+                .reduce(|| f64::INFINITY, f64::min)
+        });
+        self.linearisation = all;
+        self.smallest_pair_sum = Some(smallest);
+    }
+
+    fn hessian_product(&mut self, x: &[Vector3<f64>], out: &mut NodalVector) {
+        assert_eq!(self.linearisation.len(), self.actuation.len(), "linearised");
+        let law = HessianProduct {
+            actuation: &self.actuation,
+            linearisation: &self.linearisation,
+        };
+        self.add_forces(x, out, &law);
+    }
+
+    fn parameter_vjp(&mut self, u: &[Vector3<f64>], z: &[Vector3<f64>], out: &mut Parameters) {
+        assert_eq!(self.linearisation.len(), self.actuation.len(), "linearised");
+        let per_task = BLOCKS_PER_TASK * self.samples();
+        with_rule!(&self.rule, rule => {
+            out.actuation
+                .par_chunks_mut(LANES * per_task)
+                .zip(self.actuation.par_chunks(per_task))
+                .zip(self.linearisation.par_chunks(per_task))
+                .zip(self.blocks.par_chunks(BLOCKS_PER_TASK))
+                .for_each(|(((out, actuation), linearisation), blocks)| {
+                    self.arch.dispatch(ActuationVjp { rule, blocks, actuation, linearisation, u, z, out });
+                });
+        });
+    }
+
     fn projections(&self) -> u64 {
-        (self.elements.len() * self.samples()) as u64
+        (self.body.elements.len() * self.samples()) as u64
     }
 
     fn smallest_pair_sum(&self) -> Option<f64> {
@@ -322,11 +267,12 @@ impl Effect for Elasticity {
     }
 
     fn bytes(&self) -> usize {
-        size_of_val(self.elements.as_slice())
-            + size_of_val(self.incidence.corners())
-            + size_of_val(self.incidence.offsets())
+        size_of_val(self.body.elements.as_slice())
+            + size_of_val(self.body.sizes.as_slice())
+            + size_of_val(self.body.weights.as_slice())
+            + size_of_val(self.blocks.as_slice())
+            + self.slabs.bytes()
             + size_of_val(self.actuation.as_slice())
             + size_of_val(self.linearisation.as_slice())
-            + size_of_val(self.forces.as_slice())
     }
 }

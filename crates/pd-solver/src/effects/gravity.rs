@@ -6,7 +6,6 @@ use crate::spec::Parameters;
 use crate::vector::NodalVector;
 use hex_mesh::HexMesh;
 use nalgebra::Vector3;
-use polar_grad::Filter;
 
 /// Energy `-sum_n m_n acceleration . u_n`, with the mass of every element shared by its eight nodes, which is the exact
 /// integral of a constant density over trilinear elements.
@@ -53,7 +52,7 @@ impl Effect for Gravity {
         energy
     }
 
-    fn linearise(&mut self, _u: &[Vector3<f64>], _filter: Filter) {}
+    fn linearise(&mut self, _u: &[Vector3<f64>]) {}
 
     fn hessian_product(&mut self, _x: &[Vector3<f64>], _out: &mut NodalVector) {}
 

@@ -2,8 +2,6 @@
 
 mod elasticity;
 mod gravity;
-mod hourglass;
-mod kernel;
 mod springs;
 
 use crate::constant::ConstantMatrix;
@@ -15,7 +13,6 @@ pub use elasticity::deformation_gradients;
 use gravity::Gravity;
 use hex_mesh::HexMesh;
 use nalgebra::Vector3;
-use polar_grad::Filter;
 use springs::Springs;
 
 /// What an effect can contribute to a problem. Dispatch is once per batch, never inside a loop over elements.
@@ -33,12 +30,12 @@ pub(crate) trait Effect: Send + Sync {
     fn energy_gradient(&mut self, u: &[Vector3<f64>], gradient: &mut NodalVector) -> f64;
 
     /// Prepares Hessian products and parameter derivatives at `u`.
-    fn linearise(&mut self, u: &[Vector3<f64>], filter: Filter);
+    fn linearise(&mut self, u: &[Vector3<f64>]);
 
     /// Adds `H x` at the last linearisation.
     fn hessian_product(&mut self, x: &[Vector3<f64>], out: &mut NodalVector);
 
-    /// Adds `-(d gradient / d parameters)^T z` at the last linearisation, which must have been exact.
+    /// Adds `-(d gradient / d parameters)^T z` at the last linearisation, which was at `u` and these parameters.
     fn parameter_vjp(&mut self, u: &[Vector3<f64>], z: &[Vector3<f64>], out: &mut Parameters);
 
     /// Local projections done by one evaluation.
@@ -90,7 +87,7 @@ pub(crate) fn build(mesh: &HexMesh, specs: &[EffectSpec]) -> Result<Batches, Sol
                 }
                 batches
                     .effects
-                    .push(Box::new(Elasticity::new(mesh, *stiffness)));
+                    .push(Box::new(Elasticity::from_mesh(mesh, *stiffness)));
             }
             EffectSpec::Prescribed { nodes } => {
                 let nodes = nodes.resolve(mesh, index)?;

@@ -7,7 +7,6 @@ use crate::spec::{Parameters, SpringPoints};
 use crate::vector::NodalVector;
 use hex_mesh::HexMesh;
 use nalgebra::Vector3;
-use polar_grad::Filter;
 
 /// Energy `sum_p k_p / 2 |x_p - target_p|^2` with `x_p = sum_c w_pc u_c` over the corners of the element that holds the point.
 pub(crate) struct Springs {
@@ -146,7 +145,7 @@ impl Effect for Springs {
         energy
     }
 
-    fn linearise(&mut self, _u: &[Vector3<f64>], _filter: Filter) {}
+    fn linearise(&mut self, _u: &[Vector3<f64>]) {}
 
     fn hessian_product(&mut self, x: &[Vector3<f64>], out: &mut NodalVector) {
         for s in &self.springs {

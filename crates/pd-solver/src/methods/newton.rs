@@ -6,7 +6,6 @@ use crate::krylov::{LinearSolution, conjugate_gradients};
 use crate::problem::Problem;
 use crate::solution::Status;
 use crate::vector::{NodalVector, dot, max_norm};
-use polar_grad::Filter;
 
 /// Iterations of conjugate gradients per step.
 const MAX_INNER: usize = 500;
@@ -22,7 +21,7 @@ pub(super) fn newton_direction(
     gradient: &NodalVector,
     tolerance: f64,
 ) -> LinearSolution {
-    problem.linearise(u, Filter::Exact);
+    problem.linearise(u);
     conjugate_gradients(problem, gradient, tolerance, MAX_INNER)
 }
 

@@ -1,0 +1,279 @@
+//! The innermost loops of elasticity: eight elements side by side in SIMD lanes, their samples one after another (maths.md
+//! "Energy, gradient, Hessian").
+
+use super::block::{Block, CornerLanes, LANES, Lanes, parts};
+use super::hourglass;
+use super::tensor::{Gradients, TensorRule};
+use nalgebra::Vector3;
+use polar_grad::lanes::{
+    LaneMatrix, polar_rotation_lanes, product, rotation_tangent_lanes, transposed_product,
+};
+use pulp::{Simd, WithSimd};
+
+/// Places of the six entries of a symmetric matrix in its nine, row by row.
+const SYMMETRIC: [usize; 9] = [0, 1, 2, 1, 3, 4, 2, 4, 5];
+
+/// The actuation of one sample of a block: six entries of A.
+#[derive(Clone, Copy)]
+pub(super) struct Actuation([Lanes; 6]);
+
+impl Actuation {
+    /// A = I.
+    pub(super) fn identity() -> Self {
+        Self([1.0, 0.0, 0.0, 1.0, 0.0, 1.0].map(|x| Lanes([x; LANES])))
+    }
+
+    /// Sets A = I + sym(b) in one lane.
+    pub(super) fn set(&mut self, lane: usize, b: &[f64; 6]) {
+        const IDENTITY: [f64; 6] = [1.0, 0.0, 0.0, 1.0, 0.0, 1.0];
+        for k in 0..6 {
+            self.0[k].0[lane] = IDENTITY[k] + b[k];
+        }
+    }
+
+    #[inline(always)]
+    pub(super) fn matrix<S: Simd>(&self, part: usize) -> LaneMatrix<S> {
+        let mut out = [self.0[0].part::<S>(part); 9];
+        for (out, k) in out.iter_mut().zip(SYMMETRIC) {
+            *out = self.0[k].part::<S>(part);
+        }
+        out
+    }
+}
+
+/// What a Hessian product needs of one sample of a block: the rotation, and the six entries of B that make its tangents.
+#[derive(Clone, Copy)]
+pub(super) struct Linearisation {
+    pub(super) rotation: [Lanes; 9],
+    pub(super) factor: [Lanes; 6],
+}
+
+impl Linearisation {
+    /// What memory holds before the first linearisation.
+    pub(super) fn unset() -> Self {
+        Self {
+            rotation: [Lanes::ZERO; 9],
+            factor: [Lanes::ZERO; 6],
+        }
+    }
+
+    /// `dR = R [B axial(R^T dM)]_x`, and R.
+    #[inline(always)]
+    fn tangent<S: Simd>(
+        &self,
+        simd: S,
+        part: usize,
+        d_m: &LaneMatrix<S>,
+    ) -> (LaneMatrix<S>, LaneMatrix<S>) {
+        let mut rotation = [simd.splat_f64s(0.0); 9];
+        for (out, lanes) in rotation.iter_mut().zip(&self.rotation) {
+            *out = lanes.part::<S>(part);
+        }
+        let mut factor = [simd.splat_f64s(0.0); 6];
+        for (out, lanes) in factor.iter_mut().zip(&self.factor) {
+            *out = lanes.part::<S>(part);
+        }
+        let d_r = rotation_tangent_lanes(simd, &rotation, &factor, d_m);
+        (d_r, rotation)
+    }
+}
+
+/// What stress a sample answers with.
+pub(super) trait SampleLaw: Sync {
+    /// The stress at a sample of a block, by its number in the body, and twice the energy density (zero where there is none).
+    fn stress<S: Simd>(
+        &self,
+        simd: S,
+        sample: usize,
+        part: usize,
+        f: &LaneMatrix<S>,
+    ) -> (LaneMatrix<S>, S::f64s);
+}
+
+/// Energy `1/2 |F - R A|^2` with R the polar rotation of F A, and its gradient `F - R A`.
+pub(super) struct EnergyGradient<'a> {
+    pub(super) actuation: &'a [Actuation],
+}
+
+impl SampleLaw for EnergyGradient<'_> {
+    #[inline(always)]
+    fn stress<S: Simd>(
+        &self,
+        simd: S,
+        sample: usize,
+        part: usize,
+        f: &LaneMatrix<S>,
+    ) -> (LaneMatrix<S>, S::f64s) {
+        let a = self.actuation[sample].matrix::<S>(part);
+        let rotation = polar_rotation_lanes(simd, &product(simd, f, &a));
+        let stress = difference(simd, f, &product(simd, &rotation, &a));
+        let mut square = simd.splat_f64s(0.0);
+        for x in &stress {
+            square = simd.mul_add_e_f64s(*x, *x, square);
+        }
+        (stress, square)
+    }
+}
+
+/// The product of the Hessian with a direction: `dF - dR A`.
+pub(super) struct HessianProduct<'a> {
+    pub(super) actuation: &'a [Actuation],
+    pub(super) linearisation: &'a [Linearisation],
+}
+
+impl SampleLaw for HessianProduct<'_> {
+    #[inline(always)]
+    fn stress<S: Simd>(
+        &self,
+        simd: S,
+        sample: usize,
+        part: usize,
+        d_f: &LaneMatrix<S>,
+    ) -> (LaneMatrix<S>, S::f64s) {
+        let a = self.actuation[sample].matrix::<S>(part);
+        let d_m = product(simd, d_f, &a);
+        let (d_r, _) = self.linearisation[sample].tangent(simd, part, &d_m);
+        let stress = difference(simd, d_f, &product(simd, &d_r, &a));
+        (stress, simd.splat_f64s(0.0))
+    }
+}
+
+#[inline(always)]
+fn difference<S: Simd>(simd: S, a: &LaneMatrix<S>, b: &LaneMatrix<S>) -> LaneMatrix<S> {
+    let mut out = *a;
+    for (out, b) in out.iter_mut().zip(b) {
+        *out = simd.sub_f64s(*out, *b);
+    }
+    out
+}
+
+/// Adds the forces of consecutive blocks to their nodes; gives the energy.
+pub(super) struct AddForces<'a, const N: usize, L> {
+    pub(super) rule: &'a TensorRule<N>,
+    pub(super) law: &'a L,
+    pub(super) blocks: &'a [Block],
+    /// Number of the first block in the body.
+    pub(super) first_block: usize,
+    /// A vector per node of the body.
+    pub(super) x: &'a [Vector3<f64>],
+    /// The nodes from number `first_node` on.
+    pub(super) out: &'a mut [Vector3<f64>],
+    pub(super) first_node: usize,
+}
+
+impl<const N: usize, L: SampleLaw> WithSimd for AddForces<'_, N, L> {
+    type Output = f64;
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) -> f64 {
+        let samples = TensorRule::<N>::SAMPLES;
+        let mut energy = 0.0;
+        for (i, block) in self.blocks.iter().enumerate() {
+            let first_sample = (self.first_block + i) * samples;
+            let x = block.gather(self.x);
+            let mut force = [[Lanes::ZERO; 8]; 3];
+            for part in 0..parts::<S>() {
+                let f = self.rule.gradients(simd, &x, &block.inverse_size, part);
+                let mut stresses = Gradients::zero(simd);
+                let mut square = simd.splat_f64s(0.0);
+                for number in 0..samples {
+                    let sample = TensorRule::<N>::sample(number);
+                    let (stress, s) =
+                        (self.law).stress(simd, first_sample + number, part, &f.at(sample));
+                    let weight = self.rule.weight(sample);
+                    square = simd.mul_add_e_f64s(simd.splat_f64s(weight), s, square);
+                    stresses.add(simd, sample, weight, &stress);
+                }
+                let weight = block.weight.part::<S>(part);
+                self.rule.add_forces(
+                    simd,
+                    &stresses,
+                    &block.inverse_size,
+                    weight,
+                    part,
+                    &mut force,
+                );
+                let of_samples = simd.mul_f64s(square, weight);
+                energy += 0.5 * simd.reduce_sum_f64s(of_samples);
+                if N == 1 {
+                    energy += hourglass::add_forces(simd, block, &x, part, &mut force);
+                }
+            }
+            block.scatter(&force, self.first_node, self.out);
+        }
+        energy
+    }
+}
+
+/// Adds `w D^T (Rhat^T + Fhat^T H_R Ahat) y` of all samples of consecutive blocks (maths.md "Implicit adjoint").
+pub(super) struct ActuationVjp<'a, const N: usize> {
+    pub(super) rule: &'a TensorRule<N>,
+    pub(super) blocks: &'a [Block],
+    /// Of the samples of these blocks.
+    pub(super) actuation: &'a [Actuation],
+    pub(super) linearisation: &'a [Linearisation],
+    /// Positions of the nodes of the body, which the linearisation was made at.
+    pub(super) u: &'a [Vector3<f64>],
+    pub(super) z: &'a [Vector3<f64>],
+    /// Of the samples of these elements, element by element.
+    pub(super) out: &'a mut [[f64; 6]],
+}
+
+impl<const N: usize> WithSimd for ActuationVjp<'_, N> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) {
+        let samples = TensorRule::<N>::SAMPLES;
+        let outs = self.out.chunks_mut(LANES * samples);
+        for (i, (block, out)) in self.blocks.iter().zip(outs).enumerate() {
+            let (u, z) = (block.gather(self.u), block.gather(self.z));
+            for part in 0..parts::<S>() {
+                let f = self.rule.gradients(simd, &u, &block.inverse_size, part);
+                let y = self.rule.gradients(simd, &z, &block.inverse_size, part);
+                for number in 0..samples {
+                    let sample = TensorRule::<N>::sample(number);
+                    let weight = simd.splat_f64s(self.rule.weight(sample));
+                    let weight = simd.mul_f64s(weight, block.weight.part::<S>(part));
+                    let (f, y) = (f.at(sample), y.at(sample));
+                    let at = i * samples + number;
+                    let a = self.actuation[at].matrix::<S>(part);
+                    let b_bar = actuation_vjp(simd, &f, &y, &a, &self.linearisation[at], part);
+                    for (k, b_bar) in b_bar.into_iter().enumerate() {
+                        let mut lanes = Lanes::ZERO;
+                        *lanes.part_mut::<S>(0) = simd.mul_f64s(weight, b_bar);
+                        let elements = out.chunks_exact_mut(samples).skip(part * S::F64_LANES);
+                        for (out, b_bar) in elements.zip(&lanes.0[..S::F64_LANES]) {
+                            out[number][k] += b_bar;
+                        }
+                    }
+                }
+            }
+        }
+    }
+}
+
+/// `D^T vec(R^T y + F^T dR)` with dR the tangent of the rotation for `dM = y A`: [`polar_grad::actuation_vjp`], many at once.
+#[inline(always)]
+fn actuation_vjp<S: Simd>(
+    simd: S,
+    f: &LaneMatrix<S>,
+    y: &LaneMatrix<S>,
+    a: &LaneMatrix<S>,
+    at: &Linearisation,
+    part: usize,
+) -> [S::f64s; 6] {
+    let (d_r, rotation) = at.tangent(simd, part, &product(simd, y, a));
+    let mut x = transposed_product(simd, &rotation, y);
+    for (x, more) in x.iter_mut().zip(transposed_product(simd, f, &d_r)) {
+        *x = simd.add_f64s(*x, more);
+    }
+    [
+        x[0],
+        simd.add_f64s(x[1], x[3]),
+        simd.add_f64s(x[2], x[6]),
+        x[4],
+        simd.add_f64s(x[5], x[7]),
+        x[8],
+    ]
+}

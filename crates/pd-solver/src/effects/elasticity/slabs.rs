@@ -1,0 +1,165 @@
+//! Which parts of a body may add to the nodes at the same time.
+
+use super::block::LANES;
+use nalgebra::Vector3;
+use std::ops::Range;
+
+/// Fewer elements than this are not worth a task.
+const LEAST: usize = 128;
+
+/// Consecutive elements, in blocks, and the nodes they touch.
+#[derive(Clone, Debug)]
+struct Slab {
+    blocks: Range<usize>,
+    nodes: Range<usize>,
+}
+
+/// Consecutive slabs of a body. Every slab shares nodes with none but its two neighbours, so all even slabs can add to the nodes
+/// side by side, and after them all odd ones. Each node is added to in one fixed order, whatever the number of threads.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Slabs {
+    /// The even slabs, then the odd ones, each by rising nodes.
+    phases: [Vec<Slab>; 2],
+}
+
+impl Slabs {
+    /// Divides a body. Elements and nodes that are numbered along one direction give slabs across it; a numbering without order
+    /// gives a single slab.
+    pub(super) fn new(elements: &[[u32; 8]], node_count: usize) -> Self {
+        // Least node of all elements from one on.
+        let mut least = vec![node_count as u32; elements.len() + 1];
+        for (i, nodes) in elements.iter().enumerate().rev() {
+            least[i] = nodes.iter().fold(least[i + 1], |least, &n| least.min(n));
+        }
+        let mut phases = [Vec::new(), Vec::new()];
+        let (mut start, mut count) = (0, 0);
+        // What the slabs from the one after the next on must stay beyond: one more than the largest node up to the last slab.
+        let mut beyond = 0;
+        while start < elements.len() {
+            let mut end = elements.len().min(start + LEAST);
+            while end < elements.len() && least[end] < beyond {
+                end = elements.len().min(end + LANES);
+            }
+            let nodes = elements[start..end].iter().flatten();
+            let largest = nodes.fold(0, |largest, &n| largest.max(n + 1));
+            phases[count % 2].push(Slab {
+                blocks: start / LANES..end.div_ceil(LANES),
+                nodes: least_of(&elements[start..end])..largest as usize,
+            });
+            beyond = beyond.max(largest);
+            (start, count) = (end, count + 1);
+        }
+        Self { phases }
+    }
+
+    /// Calls `work(blocks, first, out)` for every slab, where `out` is the part of all nodes that the slab touches and `first` the
+    /// number of its first node, and returns the sum of what it returns, added in a fixed order.
+    pub(super) fn run(
+        &self,
+        out: &mut [Vector3<f64>],
+        work: &(impl Fn(Range<usize>, usize, &mut [Vector3<f64>]) -> f64 + Sync),
+    ) -> f64 {
+        self.phases.iter().map(|s| halves(s, 0, out, work)).sum()
+    }
+
+    /// Bytes held.
+    pub(super) fn bytes(&self) -> usize {
+        let slabs = self.phases.iter().map(|phase| phase.len());
+        slabs.sum::<usize>() * size_of::<Slab>()
+    }
+}
+
+fn least_of(elements: &[[u32; 8]]) -> usize {
+    let nodes = elements.iter().flatten();
+    nodes.fold(u32::MAX, |least, &n| least.min(n)) as usize
+}
+
+/// Runs the first and the second half of the slabs side by side; `out` begins with node `first`.
+fn halves(
+    slabs: &[Slab],
+    first: usize,
+    out: &mut [Vector3<f64>],
+    work: &(impl Fn(Range<usize>, usize, &mut [Vector3<f64>]) -> f64 + Sync),
+) -> f64 {
+    match slabs {
+        [] => 0.0,
+        [slab] => {
+            let Range { start, end } = slab.nodes;
+            let out = &mut out[start - first..end - first];
+            work(slab.blocks.clone(), start, out)
+        }
+        _ => {
+            let (low, high) = slabs.split_at(slabs.len() / 2);
+            let cut = high[0].nodes.start;
+            let (low_out, high_out) = out.split_at_mut(cut - first);
+            let (a, b) = rayon::join(
+                || halves(low, first, low_out, work),
+                || halves(high, cut, high_out, work),
+            );
+            a + b
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use hex_mesh::{HexMesh, Quadrature};
+
+    /// All slabs of a body in their order.
+    fn in_order(slabs: &Slabs) -> Vec<Slab> {
+        let [even, odd] = &slabs.phases;
+        let mut all: Vec<Slab> = even.iter().chain(odd).cloned().collect();
+        all.sort_by_key(|slab| slab.blocks.start);
+        all
+    }
+
+    fn check(elements: &[[u32; 8]], node_count: usize) -> usize {
+        let slabs = Slabs::new(elements, node_count);
+        let all = in_order(&slabs);
+        let mut next = 0;
+        for slab in &all {
+            assert_eq!(slab.blocks.start, next);
+            next = slab.blocks.end;
+            let end = elements.len().min(slab.blocks.end * LANES);
+            for &node in elements[slab.blocks.start * LANES..end].iter().flatten() {
+                assert!(slab.nodes.contains(&(node as usize)));
+            }
+        }
+        assert_eq!(next, elements.len().div_ceil(LANES));
+        for phase in &slabs.phases {
+            for pair in phase.windows(2) {
+                assert!(pair[0].nodes.end <= pair[1].nodes.start, "{pair:?}");
+            }
+        }
+        all.len()
+    }
+
+    #[test]
+    fn slabs_of_one_phase_share_no_node() {
+        for (cells, least) in [([40, 7, 9], 15), ([3, 20, 20], 3), ([1, 1, 1], 1)] {
+            let mesh = HexMesh::solid_box(cells, 1.0, Quadrature::One).unwrap();
+            let count = check(mesh.elements(), mesh.nodes().len());
+            assert!(count >= least, "{cells:?} has {count} slabs");
+            let by_use = HexMesh::from_cells(
+                mesh.cells().to_vec(),
+                Vector3::zeros(),
+                1.0,
+                Quadrature::One,
+            )
+            .unwrap();
+            check(by_use.elements(), by_use.nodes().len());
+        }
+    }
+
+    /// Elements in no order at all share nodes with everything: one task.
+    #[test]
+    fn shuffled_elements_are_one_slab() {
+        let mesh = HexMesh::solid_box([12, 12, 12], 1.0, Quadrature::One).unwrap();
+        let count = mesh.elements().len();
+        let shuffled: Vec<_> = (0..count)
+            .map(|i| mesh.elements()[i * 1001 % count])
+            .collect();
+        assert!(check(&shuffled, mesh.nodes().len()) <= 2);
+    }
+}
