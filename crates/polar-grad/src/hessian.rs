@@ -123,10 +123,14 @@ impl HessianCore {
         core
     }
 
-    /// `Z^T Z = tr(A^2) I - A^2`.
     fn reach(&self) -> Matrix3<f64> {
-        pair_sums(&symmetrize(&tr_mul(&self.actuation, &self.actuation)))
+        reach(&self.actuation)
     }
+}
+
+/// `K = Z^T Z = tr(A^2) I - A^2`.
+pub(crate) fn reach(actuation: &Matrix3<f64>) -> Matrix3<f64> {
+    pair_sums(&symmetrize(&tr_mul(actuation, actuation)))
 }
 
 /// Axes `Y` (columns) with `Y^T (K + T) Y = I` and `Y^T K Y` diagonal, for positive semi-definite
@@ -150,7 +154,7 @@ fn congruent(l: &Matrix3<f64>, x: &Matrix3<f64>) -> Matrix3<f64> {
 /// With `K + T = L L^T` and `X = L^-1 (K - T) L^-T`, whose eigenvalues are `x = (mu - 1) / (mu +
 /// 1)`, this is `L^-T 2 (I + |X|)^-1 L^-1`: nothing is divided by a small number, and no
 /// eigenvector is needed.
-fn projected_factor(k: &Matrix3<f64>, t: &Matrix3<f64>) -> Matrix3<f64> {
+pub(crate) fn projected_factor(k: &Matrix3<f64>, t: &Matrix3<f64>) -> Matrix3<f64> {
     let inverse = inverse_cholesky_factor(&(k + t));
     let magnitude = absolute_value(&congruent(&inverse, &(k - t)));
     let weights = Minors::of(&(Matrix3::identity() + magnitude)).inverse() * 2.0;
