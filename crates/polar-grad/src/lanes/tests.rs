@@ -299,7 +299,7 @@ fn projections_at_coinciding_eigenvalues() {
         let exact = exact_core(m, a);
         let dense = core(&answer.rotation, &answer.projected, a);
         let error = (dense - exact.filtered(Filter::Projected).to_matrix()).amax();
-        assert!(error < 1e-13, "{m} {error:e}");
+        assert!(error < 1e-14, "{m} {error:e}");
     });
 }
 
