@@ -6,7 +6,6 @@ mod hourglass;
 mod kernel;
 mod linearise;
 mod plain;
-mod rotation_factor;
 mod slabs;
 mod tensor;
 #[cfg(test)]

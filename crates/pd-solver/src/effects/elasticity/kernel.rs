@@ -1,7 +1,7 @@
 //! The innermost loops of elasticity: eight elements side by side in SIMD lanes, their samples one after another (maths.md
 //! "Energy, gradient, Hessian").
 
-use super::block::{Block, CornerLanes, LANES, Lanes, parts};
+use super::block::{Block, LANES, Lanes, parts};
 use super::hourglass;
 use super::tensor::{Gradients, TensorRule};
 use nalgebra::Vector3;

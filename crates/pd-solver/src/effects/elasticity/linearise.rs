@@ -3,11 +3,12 @@
 
 use super::block::{Block, parts};
 use super::kernel::{Actuation, Linearisation};
-use super::rotation_factor::rotation_factor_lanes;
 use super::tensor::TensorRule;
 use nalgebra::{Matrix3, Vector3};
 use polar_grad::RotationGradient;
-use polar_grad::lanes::{LaneMatrix, polar_rotation_lanes, product};
+use polar_grad::lanes::{
+    LaneMatrix, SymmetricLanes, polar_rotation_lanes, product, rotation_factor_lanes,
+};
 use pulp::{Simd, WithSimd};
 
 /// Sums of singular values below this fraction of the norm were perhaps raised in B: what B says of them is not believed.
@@ -74,7 +75,7 @@ impl<const N: usize> WithSimd for Linearise<'_, N> {
 /// The largest eigenvalue of a symmetric B of deviator `D = B - tr(B)/3 I` is at most `tr(B)/3 + 2 |D| / sqrt(6)`, and is that
 /// where the two others are equal.
 #[inline(always)]
-fn least_pair_sum<S: Simd>(simd: S, b: &[S::f64s; 6]) -> S::f64s {
+fn least_pair_sum<S: Simd>(simd: S, b: &SymmetricLanes<S>) -> S::f64s {
     let trace = simd.add_f64s(simd.add_f64s(b[0], b[3]), b[5]);
     let mean = simd.mul_f64s(trace, simd.splat_f64s(1.0 / 3.0));
     let mut off = simd.mul_f64s(b[1], b[1]);

@@ -114,14 +114,14 @@ impl<const N: usize> TensorRule<N> {
     ) {
         for axis in 0..3 {
             let scale = simd.mul_f64s(scale, inverse_size[axis].part::<S>(part));
-            for i in 0..3 {
-                let edges = self.spread(simd, &stresses.0[i][axis]);
-                for p in 0..2 {
-                    for q in 0..2 {
-                        let edge = simd.mul_f64s(edges[p][q], scale);
-                        let low = force[i][corner(axis, 0, p, q)].part_mut::<S>(part);
+            for (force, stresses) in force.iter_mut().zip(&stresses.0) {
+                let edges = self.spread(simd, &stresses[axis]);
+                for (p, edges) in edges.iter().enumerate() {
+                    for (q, edge) in edges.iter().enumerate() {
+                        let edge = simd.mul_f64s(*edge, scale);
+                        let low = force[corner(axis, 0, p, q)].part_mut::<S>(part);
                         *low = simd.sub_f64s(*low, edge);
-                        let high = force[i][corner(axis, 1, p, q)].part_mut::<S>(part);
+                        let high = force[corner(axis, 1, p, q)].part_mut::<S>(part);
                         *high = simd.add_f64s(*high, edge);
                     }
                 }
@@ -135,14 +135,13 @@ impl<const N: usize> TensorRule<N> {
         let mut out = [[edges[0][0]; N]; N];
         let low_along_p = simd.sub_f64s(edges[1][0], edges[0][0]);
         let high_along_p = simd.sub_f64s(edges[1][1], edges[0][1]);
-        for p in 0..N {
-            let t = simd.splat_f64s(self.points[p]);
+        for (out, t) in out.iter_mut().zip(&self.points) {
+            let t = simd.splat_f64s(*t);
             let low = simd.mul_add_e_f64s(t, low_along_p, edges[0][0]);
             let high = simd.mul_add_e_f64s(t, high_along_p, edges[0][1]);
             let along_q = simd.sub_f64s(high, low);
-            for q in 0..N {
-                let t = simd.splat_f64s(self.points[q]);
-                out[p][q] = simd.mul_add_e_f64s(t, along_q, low);
+            for (out, t) in out.iter_mut().zip(&self.points) {
+                *out = simd.mul_add_e_f64s(simd.splat_f64s(*t), along_q, low);
             }
         }
         out
@@ -154,17 +153,16 @@ impl<const N: usize> TensorRule<N> {
         let zero = simd.splat_f64s(0.0);
         // Sums over the points, and over the points times their place: [along p][along q].
         let mut sums = [[zero; 2]; 2];
-        for p in 0..N {
+        for (row, t) in points.iter().zip(&self.points) {
             let mut along_q = [zero; 2];
-            for q in 0..N {
-                let t = simd.splat_f64s(self.points[q]);
-                along_q[0] = simd.add_f64s(along_q[0], points[p][q]);
-                along_q[1] = simd.mul_add_e_f64s(t, points[p][q], along_q[1]);
+            for (x, t) in row.iter().zip(&self.points) {
+                along_q[0] = simd.add_f64s(along_q[0], *x);
+                along_q[1] = simd.mul_add_e_f64s(simd.splat_f64s(*t), *x, along_q[1]);
             }
-            let t = simd.splat_f64s(self.points[p]);
-            for k in 0..2 {
-                sums[0][k] = simd.add_f64s(sums[0][k], along_q[k]);
-                sums[1][k] = simd.mul_add_e_f64s(t, along_q[k], sums[1][k]);
+            let t = simd.splat_f64s(*t);
+            for (k, along_q) in along_q.into_iter().enumerate() {
+                sums[0][k] = simd.add_f64s(sums[0][k], along_q);
+                sums[1][k] = simd.mul_add_e_f64s(t, along_q, sums[1][k]);
             }
         }
         let [[all, q], [p, both]] = sums;
