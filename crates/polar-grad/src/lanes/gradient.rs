@@ -1,7 +1,7 @@
 //! The derivative of the polar rotation of every lane.
 
 use super::algebra::{
-    axial, minors_are_above, pair_sums, reciprocal, symmetric_adjugate, symmetric_times,
+    axial, minors_are_above, pair_sums, reciprocal, symmetric_adjugate, symmetric_times, times,
     times_cross, transposed_product,
 };
 use super::{LaneMatrix, SymmetricLanes, all, for_each_failed, matrix_of_lane, set_symmetric};
@@ -47,7 +47,7 @@ pub fn rotation_factor_lanes<S: Simd>(
     let inverse = reciprocal(simd, determinant);
     let fast = RotationFactor {
         pair_sums,
-        factor: adjugate.map(|x| simd.mul_f64s(x, inverse)),
+        factor: times(simd, &adjugate, inverse),
     };
     if all(simd, good) {
         return fast;

@@ -2,10 +2,11 @@
 //!
 //! A matrix of lanes is `[S::f64s; 9]`, row by row: entry `3 i + j` holds M_ij of all lanes. A symmetric one is `[S::f64s; 6]`,
 //! the entries 00, 01, 02, 11, 12, 22. The functions here are meant to be called inside a [`pulp::WithSimd`] operation, so that a
-//! whole loop runs under one dispatch. What a lane answers depends on nothing but
+//! whole loop runs under one dispatch; [`batch`] does that for slices of matrices. What a lane answers depends on nothing but
 //! its own numbers and the instruction set.
 
 mod algebra;
+pub mod batch;
 mod gradient;
 mod polar;
 mod projection;

@@ -2,7 +2,7 @@
 
 use super::algebra::{
     axial, cofactor, cofactor_first_row, dot3, minor, minors_are_above, norm_squared, pair_sums,
-    product, reciprocal, scaled, symmetric_adjugate, symmetric_times, times_cross,
+    product, reciprocal, scaled, symmetric_adjugate, symmetric_times, times, times_cross,
     transposed_product,
 };
 use super::{LaneMatrix, all, for_each_failed, matrix_of_lane, set_lane};
@@ -123,7 +123,8 @@ fn rotation_step<S: Simd>(
     let t = pair_sums(simd, &b);
     let (adjugate, determinant) = symmetric_adjugate(simd, &t);
     let inverse = reciprocal(simd, determinant);
-    let w = symmetric_times(simd, &adjugate, &axial(simd, &b)).map(|w| simd.mul_f64s(w, inverse));
+    let w = symmetric_times(simd, &adjugate, &axial(simd, &b));
+    let w = times(simd, &w, inverse);
     let angle2 = dot3(simd, &w, &w);
     let definite = minors_are_above(simd, (t[0], adjugate[5], determinant), DEFINITE, trace);
     let near = simd.less_than_f64s(angle2, simd.splat_f64s(ANGLE2));
