@@ -4,6 +4,7 @@
 mod block;
 mod hourglass;
 mod kernel;
+mod least_pair_sum;
 mod linearise;
 mod plain;
 mod slabs;
@@ -30,7 +31,7 @@ use slabs::Slabs;
 use tensor::TensorRule;
 
 /// Blocks per task where nothing is added to nodes.
-const BLOCKS_PER_TASK: usize = 16;
+const BLOCKS_PER_TASK: usize = 32;
 
 /// What elasticity needs to know of a body: boxes along the axes, of any sizes.
 pub(crate) struct ElasticBody {
