@@ -7,6 +7,7 @@ mod kernel;
 mod least_pair_sum;
 mod linearise;
 mod plain;
+mod quaternion;
 mod slabs;
 mod tensor;
 #[cfg(test)]

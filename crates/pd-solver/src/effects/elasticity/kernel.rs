@@ -3,10 +3,12 @@
 
 use super::block::{Block, LANES, Lanes, parts};
 use super::hourglass;
+use super::quaternion::{quaternion_of, rotation_of};
 use super::tensor::{Gradients, TensorRule};
 use nalgebra::Vector3;
 use polar_grad::lanes::{
-    LaneMatrix, polar_rotation_lanes, product, rotation_tangent_lanes, transposed_product,
+    LaneMatrix, SymmetricLanes, polar_rotation_lanes, product, rotation_tangent_lanes,
+    transposed_product,
 };
 use pulp::{Simd, WithSimd};
 
@@ -44,16 +46,34 @@ impl Actuation {
 /// What a Hessian product needs of one sample of a block: the rotation, and the six entries of B that make its tangents.
 #[derive(Clone, Copy)]
 pub(super) struct Linearisation {
-    pub(super) rotation: [Lanes; 9],
-    pub(super) factor: [Lanes; 6],
+    quaternion: [Lanes; 4],
+    factor: [Lanes; 6],
 }
 
 impl Linearisation {
     /// What memory holds before the first linearisation.
     pub(super) fn unset() -> Self {
         Self {
-            rotation: [Lanes::ZERO; 9],
+            quaternion: [Lanes::ZERO; 4],
             factor: [Lanes::ZERO; 6],
+        }
+    }
+
+    /// Takes the rotations and factors of one register.
+    #[inline(always)]
+    pub(super) fn set<S: Simd>(
+        &mut self,
+        simd: S,
+        part: usize,
+        rotation: &LaneMatrix<S>,
+        factor: &SymmetricLanes<S>,
+    ) {
+        let quaternion = quaternion_of(simd, rotation);
+        for (out, x) in self.quaternion.iter_mut().zip(quaternion) {
+            *out.part_mut::<S>(part) = x;
+        }
+        for (out, x) in self.factor.iter_mut().zip(factor) {
+            *out.part_mut::<S>(part) = *x;
         }
     }
 
@@ -65,10 +85,11 @@ impl Linearisation {
         part: usize,
         d_m: &LaneMatrix<S>,
     ) -> (LaneMatrix<S>, LaneMatrix<S>) {
-        let mut rotation = [simd.splat_f64s(0.0); 9];
-        for (out, lanes) in rotation.iter_mut().zip(&self.rotation) {
+        let mut quaternion = [simd.splat_f64s(0.0); 4];
+        for (out, lanes) in quaternion.iter_mut().zip(&self.quaternion) {
             *out = lanes.part::<S>(part);
         }
+        let rotation = rotation_of(simd, &quaternion);
         let mut factor = [simd.splat_f64s(0.0); 6];
         for (out, lanes) in factor.iter_mut().zip(&self.factor) {
             *out = lanes.part::<S>(part);

@@ -38,13 +38,7 @@ impl<const N: usize> WithSimd for Linearise<'_, N> {
                     let m = product(simd, &f.at(TensorRule::<N>::sample(number)), &a);
                     let rotation = polar_rotation_lanes(simd, &m);
                     let factor = rotation_factor_lanes(simd, &rotation, &m).factor;
-                    let out = &mut self.out[at];
-                    for (out, x) in out.rotation.iter_mut().zip(rotation) {
-                        *out.part_mut::<S>(part) = x;
-                    }
-                    for (out, x) in out.factor.iter_mut().zip(factor) {
-                        *out.part_mut::<S>(part) = x;
-                    }
+                    self.out[at].set(simd, part, &rotation, &factor);
                     smallest.see(simd, &m, &factor);
                 }
             }
