@@ -9,14 +9,28 @@ use super::{LaneMatrix, all, for_each_failed, lane, matrix_of_lane, set_lane};
 use crate::polar_rotation;
 use pulp::{Simd, WithSimd};
 
+/// How far the largest root is pursued beyond the [`ROOT_STEPS`] that every lane takes.
+#[derive(Clone, Copy)]
+struct RootEffort {
+    /// Further steps for the lanes that need them.
+    steps: usize,
+    /// A relative step at which a lane is done.
+    small: f64,
+}
+
 /// Halley steps for the largest root that every lane takes: all that ordinary deformations need.
 const ROOT_STEPS: usize = 2;
-/// Further ones for lanes that need more; inverted ones need one or two.
-const MORE_ROOT_STEPS: usize = 4;
-/// Root steps in the second attempt, where two roots almost coincide and convergence is linear.
-const RETRY_ROOT_STEPS: usize = 20;
-/// A relative root step whose cube, the next one, is small enough for the Newton-Schulz step to square away.
-const ROOT_STEP: f64 = 3e-4;
+/// Inverted lanes need one or two steps more. The cube of the last step, the next one, is small enough for the Newton-Schulz
+/// step to square away.
+const FIRST_EFFORT: RootEffort = RootEffort {
+    steps: 4,
+    small: 3e-4,
+};
+/// Where two roots almost coincide, each step takes a third of the way until it is below their distance.
+const RETRY_EFFORT: RootEffort = RootEffort {
+    steps: 20,
+    small: 1e-10,
+};
 /// Newton-Schulz steps, each with a Newton step on SO(3), in the second attempt.
 const RETRY_STEPS: usize = 6;
 /// Bound on `|R^T R - I|^2` before the Newton-Schulz step, which leaves the square of the defect: 2^-54.
@@ -37,7 +51,7 @@ const SAFE_NORM2: [f64; 2] = [1e-40, 1e40];
 pub fn polar_rotation_lanes<S: Simd>(simd: S, m: &LaneMatrix<S>) -> LaneMatrix<S> {
     let norm2 = norm_squared(simd, m);
     let safe = has_safe_norm(simd, norm2);
-    let (guess, trace) = optimal_attitude(simd, m, norm2, MORE_ROOT_STEPS);
+    let (guess, trace) = optimal_attitude(simd, m, norm2, FIRST_EFFORT);
     let (orthogonal, near) = newton_schulz(simd, &guess);
     let (rotation, certain) = rotation_step(simd, m, &orthogonal, trace);
     let good = simd.and_m64s(safe, simd.and_m64s(near, certain));
@@ -120,7 +134,7 @@ impl WithSimd for &mut Retry {
 fn retry<S: Simd>(simd: S, m: &LaneMatrix<S>) -> (LaneMatrix<S>, S::m64s) {
     let norm2 = norm_squared(simd, m);
     let safe = has_safe_norm(simd, norm2);
-    let (mut rotation, trace) = optimal_attitude(simd, m, norm2, RETRY_ROOT_STEPS);
+    let (mut rotation, trace) = optimal_attitude(simd, m, norm2, RETRY_EFFORT);
     let mut out = rotation;
     let mut good = simd.not_m64s(safe);
     for _ in 0..RETRY_STEPS {
@@ -152,12 +166,12 @@ fn optimal_attitude<S: Simd>(
     simd: S,
     m: &LaneMatrix<S>,
     norm2: S::f64s,
-    more_root_steps: usize,
+    effort: RootEffort,
 ) -> (LaneMatrix<S>, S::f64s) {
     let cof = cofactor(simd, m);
     let det = dot3(simd, &m[..3], &cof[..3]);
     let cof2 = norm_squared(simd, &cof);
-    let x = largest_root(simd, norm2, det, cof2, more_root_steps);
+    let x = largest_root(simd, norm2, det, cof2, effort);
     let square = simd.mul_f64s(x, x);
     let a = simd.sub_f64s(square, norm2);
     let half_x = scaled(simd, x, 0.5);
@@ -182,7 +196,7 @@ fn largest_root<S: Simd>(
     norm2: S::f64s,
     det: S::f64s,
     cof2: S::f64s,
-    more_steps: usize,
+    effort: RootEffort,
 ) -> S::f64s {
     let inverted = simd.less_than_f64s(det, simd.splat_f64s(0.0));
     let times = simd.select_f64s(inverted, simd.splat_f64s(4.0), simd.splat_f64s(12.0));
@@ -199,9 +213,10 @@ fn largest_root<S: Simd>(
         step = polynomial.halley_step(simd, x);
         x = simd.sub_f64s(x, step);
     }
-    let is_small = |step, x| simd.less_than_f64s(simd.abs_f64s(step), scaled(simd, x, ROOT_STEP));
+    let is_small =
+        |step, x| simd.less_than_f64s(simd.abs_f64s(step), scaled(simd, x, effort.small));
     let mut done = is_small(step, x);
-    for _ in 0..more_steps {
+    for _ in 0..effort.steps {
         if all(simd, done) {
             break;
         }
