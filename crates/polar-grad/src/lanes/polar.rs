@@ -79,9 +79,9 @@ fn again<S: Simd>(
         good: [0.0; WIDEST],
         lanes: S::F64_LANES,
     };
-    for k in 0..9 {
-        for i in 0..S::F64_LANES {
-            retry.m[k][i] = lane::<S>(&m[k], i);
+    for (row, value) in retry.m.iter_mut().zip(m) {
+        for (i, x) in row.iter_mut().enumerate().take(S::F64_LANES) {
+            *x = lane::<S>(value, i);
         }
     }
     // This function is not inlined, so the instruction set must be entered anew.
