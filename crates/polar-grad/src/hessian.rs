@@ -2,6 +2,7 @@
 
 use crate::gradient::{RotationGradient, cross_basis};
 use crate::linear::{conjugate, mul, mul_tr, pair_sums, symmetrize, tr_mul};
+use crate::polar::polar;
 use crate::symmetric::{Minors, SINGULAR, eigen, inverse_cholesky_factor};
 use nalgebra::{Matrix3, SMatrix};
 
@@ -159,11 +160,17 @@ pub(crate) fn projected_factor(k: &Matrix3<f64>, t: &Matrix3<f64>) -> Matrix3<f6
     congruent(&inverse.transpose(), &weights)
 }
 
-/// `|X|`, the symmetric matrix with the absolute eigenvalues of `X`, to rounding of the largest.
+/// A determinant of a matrix of size one beyond this has a certain sign.
+const CERTAIN_DETERMINANT: f64 = 1e-13;
+
+/// `|X|`, the symmetric matrix with the absolute eigenvalues of `X`, to rounding, for entries of at most about one.
 ///
-/// (The stretch of `X` or `-X`, whichever has no negative determinant, is the same matrix without eigenvectors; but where two
-/// eigenvalues are small the sign of a rounded determinant is anyone's guess, which costs half the digits.)
+/// The stretch of `X` or `-X`, whichever has no negative determinant; by eigenvectors where rounding decides which one that is.
 fn absolute_value(x: &Matrix3<f64>) -> Matrix3<f64> {
+    let determinant = x.determinant();
+    if determinant.abs() > CERTAIN_DETERMINANT {
+        return polar(&(x * determinant.signum())).stretch;
+    }
     let (values, axes) = eigen(x);
     conjugate(&axes, &values.abs())
 }
