@@ -12,6 +12,8 @@ mod slabs;
 mod tensor;
 #[cfg(test)]
 mod tests;
+#[cfg(test)]
+mod timing;
 
 use super::Effect;
 use crate::constant::ConstantMatrix;
