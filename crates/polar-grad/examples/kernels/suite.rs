@@ -10,6 +10,7 @@ use polar_grad::{
 };
 use pulp::{Scalar, Simd, WithSimd};
 use std::hint::black_box;
+use std::marker::PhantomData;
 
 /// Matrices in a list: few enough for the second-level cache.
 pub const COUNT: usize = 2048;
@@ -112,48 +113,68 @@ impl Lanes {
     }
 }
 
-/// The kernels that work in lanes.
-#[derive(Clone, Copy)]
-enum Task {
-    Polar,
-    Factor,
-    Projected,
-    Product,
+/// A kernel that works in lanes. A type for each, so that each has a loop of its own.
+trait Task {
+    /// The answer for the matrices of one register.
+    fn answer<S: Simd>(simd: S, lanes: &Lanes, group: usize, part: usize) -> LaneMatrix<S>;
 }
 
-const TASKS: [(&str, Task); 4] = [
-    ("polar", Task::Polar),
-    ("factor", Task::Factor),
-    ("projected_factor", Task::Projected),
-    ("product", Task::Product),
-];
+struct Polar;
 
-struct Pass<'a>(Task, &'a mut Lanes);
+impl Task for Polar {
+    #[inline(always)]
+    fn answer<S: Simd>(simd: S, lanes: &Lanes, group: usize, part: usize) -> LaneMatrix<S> {
+        polar_rotation_lanes(simd, &load::<S, 9>(&lanes.matrices[group], part))
+    }
+}
 
-impl WithSimd for Pass<'_> {
+struct Factor;
+
+impl Task for Factor {
+    #[inline(always)]
+    fn answer<S: Simd>(simd: S, lanes: &Lanes, group: usize, part: usize) -> LaneMatrix<S> {
+        let rotation = load::<S, 9>(&lanes.rotations[group], part);
+        let m = load::<S, 9>(&lanes.matrices[group], part);
+        padded::<S>(&rotation_factor_lanes(simd, &rotation, &m).factor)
+    }
+}
+
+struct Projected;
+
+impl Task for Projected {
+    #[inline(always)]
+    fn answer<S: Simd>(simd: S, lanes: &Lanes, group: usize, part: usize) -> LaneMatrix<S> {
+        let t = load::<S, 6>(&lanes.pair_sums[group], part);
+        let a = load::<S, 6>(&lanes.actuations[group], part);
+        padded::<S>(&projected_factor_lanes(simd, &t, &a))
+    }
+}
+
+struct Product;
+
+impl Task for Product {
+    #[inline(always)]
+    fn answer<S: Simd>(simd: S, lanes: &Lanes, group: usize, part: usize) -> LaneMatrix<S> {
+        let rotation = load::<S, 9>(&lanes.rotations[group], part);
+        let factor = load::<S, 6>(&lanes.factors[group], part);
+        let d_m = load::<S, 9>(&lanes.matrices[group], part);
+        rotation_tangent_lanes(simd, &rotation, &factor, &d_m)
+    }
+}
+
+/// One pass of a task over all matrices.
+struct Pass<'a, T>(&'a mut Lanes, PhantomData<T>);
+
+impl<T: Task> WithSimd for Pass<'_, T> {
     type Output = ();
 
     // No closures around the kernels: what the compiler does not inline here loses the instruction set.
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) {
-        let Self(task, lanes) = self;
+        let lanes = self.0;
         for group in 0..COUNT / GROUP {
             for part in 0..GROUP / S::F64_LANES {
-                let m = load::<S, 9>(&lanes.matrices[group], part);
-                let rotation = load::<S, 9>(&lanes.rotations[group], part);
-                let out = match task {
-                    Task::Polar => polar_rotation_lanes(simd, &m),
-                    Task::Factor => padded::<S>(&rotation_factor_lanes(simd, &rotation, &m).factor),
-                    Task::Projected => {
-                        let t = load::<S, 6>(&lanes.pair_sums[group], part);
-                        let a = load::<S, 6>(&lanes.actuations[group], part);
-                        padded::<S>(&projected_factor_lanes(simd, &t, &a))
-                    }
-                    Task::Product => {
-                        let factor = load::<S, 6>(&lanes.factors[group], part);
-                        rotation_tangent_lanes(simd, &rotation, &factor, &m)
-                    }
-                };
+                let out = T::answer(simd, lanes, group, part);
                 for (row, value) in lanes.out[group].iter_mut().zip(&out) {
                     S::as_mut_simd_f64s(row).0[part] = *value;
                 }
@@ -177,23 +198,27 @@ fn padded<S: Simd>(s: &SymmetricLanes<S>) -> LaneMatrix<S> {
     [s[0], s[1], s[2], s[3], s[4], s[5], s[3], s[4], s[5]]
 }
 
-/// Runs a pass on one instruction set.
-type Runner = fn(Pass<'_>);
+/// One pass on one instruction set.
+type Runner = fn(&mut Lanes);
 
-/// The instruction sets of this machine, and portable code.
-fn instruction_sets() -> Vec<(&'static str, Runner)> {
-    let mut sets: Vec<(&'static str, Runner)> = vec![("portable", |pass| pass.with_simd(Scalar))];
+/// A task on the instruction sets of this machine, and by portable code.
+fn instruction_sets<T: Task>() -> Vec<(&'static str, Runner)> {
+    let mut sets: Vec<(&'static str, Runner)> = vec![("portable", |lanes| {
+        Pass::<T>(lanes, PhantomData).with_simd(Scalar)
+    })];
     #[cfg(target_arch = "x86_64")]
     {
         use pulp::x86::{V3, V4};
         if V3::try_new().is_some() {
-            sets.push(("avx2", |pass| {
-                Simd::vectorize(V3::try_new().expect("checked above"), pass)
+            sets.push(("avx2", |lanes| {
+                let v3 = V3::try_new().expect("checked above");
+                Simd::vectorize(v3, Pass::<T>(lanes, PhantomData))
             }));
         }
         if V4::try_new().is_some() {
-            sets.push(("avx512", |pass| {
-                Simd::vectorize(V4::try_new().expect("checked above"), pass)
+            sets.push(("avx512", |lanes| {
+                let v4 = V4::try_new().expect("checked above");
+                Simd::vectorize(v4, Pass::<T>(lanes, PhantomData))
             }));
         }
     }
@@ -208,12 +233,18 @@ pub fn kernels() -> Vec<Kernel> {
         let a: Vec<_> = (0..COUNT)
             .map(|_| actuation_from_b(&std::array::from_fn(|_| 0.2 * entries.next())))
             .collect();
-        for (set, runner) in instruction_sets() {
-            for (name, task) in TASKS {
+        let tasks = [
+            ("polar", instruction_sets::<Polar>()),
+            ("factor", instruction_sets::<Factor>()),
+            ("projected_factor", instruction_sets::<Projected>()),
+            ("product", instruction_sets::<Product>()),
+        ];
+        for (name, sets) in tasks {
+            for (set, run) in sets {
                 let mut lanes = Lanes::new(&m, &a);
                 kernels.push(Kernel {
                     name: format!("{name}/{set}/{class}"),
-                    run: Box::new(move || runner(Pass(task, black_box(&mut lanes)))),
+                    run: Box::new(move || run(black_box(&mut lanes))),
                 });
             }
         }

@@ -53,24 +53,21 @@ pub fn rotation_factor_lanes<S: Simd>(
     if all(simd, good) {
         return fast;
     }
-    again(simd, m, fast, good)
+    // A copy, so that what all lanes share stays in registers.
+    let mut mended = fast;
+    again(simd, m, &mut mended, good);
+    mended
 }
 
 /// Does the lanes that are not `good` by the scalar function.
 #[cold]
 #[inline(never)]
-fn again<S: Simd>(
-    simd: S,
-    m: &LaneMatrix<S>,
-    mut fast: RotationFactor<S>,
-    good: S::m64s,
-) -> RotationFactor<S> {
+fn again<S: Simd>(simd: S, m: &LaneMatrix<S>, fast: &mut RotationFactor<S>, good: S::m64s) {
     for_each_failed(simd, good, |i| {
         let gradient = RotationGradient::at(&matrix_of_lane::<S>(m, i));
         set_symmetric::<S>(&mut fast.pair_sums, i, &gradient.pair_sums);
         set_symmetric::<S>(&mut fast.factor, i, &gradient.factor);
     });
-    fast
 }
 
 /// `dR = R [B axial(R^T dM)]_x`: [`crate::RotationGradient::apply`], many at once. `factor` holds the entries 00, 01, 02, 11, 12,

@@ -58,7 +58,10 @@ pub fn polar_rotation_lanes<S: Simd>(simd: S, m: &LaneMatrix<S>) -> LaneMatrix<S
     if all(simd, good) {
         return rotation;
     }
-    again(simd, m, rotation, good)
+    // A copy, so that what all lanes share stays in registers.
+    let mut mended = rotation;
+    again(simd, m, &mut mended, good);
+    mended
 }
 
 /// Lanes of the widest register.
@@ -67,12 +70,7 @@ const WIDEST: usize = 8;
 /// Does the lanes that are not `good` by more steps, and those that are not then by the scalar function.
 #[cold]
 #[inline(never)]
-fn again<S: Simd>(
-    simd: S,
-    m: &LaneMatrix<S>,
-    mut rotation: LaneMatrix<S>,
-    good: S::m64s,
-) -> LaneMatrix<S> {
+fn again<S: Simd>(simd: S, m: &LaneMatrix<S>, rotation: &mut LaneMatrix<S>, good: S::m64s) {
     let mut retry = Retry {
         m: [[0.0; WIDEST]; 9],
         rotation: [[0.0; WIDEST]; 9],
@@ -97,7 +95,6 @@ fn again<S: Simd>(
             set_lane::<S>(out, i, r);
         }
     });
-    rotation
 }
 
 /// The second attempt.

@@ -67,7 +67,10 @@ pub fn projected_factor_lanes<S: Simd>(
     if all(simd, good) {
         return projected;
     }
-    again(simd, pair_sums, actuation, projected, good)
+    // A copy, so that what all lanes share stays in registers.
+    let mut mended = projected;
+    again(simd, pair_sums, actuation, &mut mended, good);
+    mended
 }
 
 /// Does the lanes that are not `good` by scalar code.
@@ -77,15 +80,14 @@ fn again<S: Simd>(
     simd: S,
     pair_sums: &SymmetricLanes<S>,
     actuation: &SymmetricLanes<S>,
-    mut projected: SymmetricLanes<S>,
+    projected: &mut SymmetricLanes<S>,
     good: S::m64s,
-) -> SymmetricLanes<S> {
+) {
     for_each_failed(simd, good, |i| {
         let a = symmetric_of_lane::<S>(actuation, i);
         let t = symmetric_of_lane::<S>(pair_sums, i);
-        set_symmetric::<S>(&mut projected, i, &projected_factor(&reach(&a), &t));
+        set_symmetric::<S>(projected, i, &projected_factor(&reach(&a), &t));
     });
-    projected
 }
 
 /// `|X|`, the symmetric matrix with the absolute eigenvalues of `X`, to rounding of the largest entry of `X`, which must not be

@@ -1,7 +1,7 @@
 //! The Hessian core: finite differences, dense 9x9 formulas, spectrum, filters.
 
 use super::{differences, mat, oracle, vec};
-use crate::testing::{HARD_CLASSES, Random, deformation_with};
+use crate::testing::{HARD_CLASSES, Random, deformation_with, planted};
 use crate::{Filter, HessianCore, actuation_from_b, shape_targeting_gradient};
 use nalgebra::{Matrix3, Vector3};
 
@@ -176,6 +176,23 @@ fn projection_is_positive_semidefinite_everywhere() {
         assert!(spectrum.nontrivial[0] >= 0.0);
     }
     println!("smallest eigenvalue of a projected core: {worst:e}");
+}
+
+/// Two eigenvalues within rounding or a little more of zero, on either side, and a clearly negative one.
+#[test]
+fn projection_keeps_its_digits_where_two_eigenvalues_meet_zero() {
+    let mut random = Random::new(6);
+    for exponent in -17..-2 {
+        for _ in 0..100 {
+            let mut near = |x: f64| x + 10.0_f64.powi(exponent) * random.signed();
+            let sigma = [1.5, near(0.5), near(0.5)];
+            let f = planted(sigma, random.bits()).matrix;
+            let exact = HessianCore::new(&f, &Matrix3::identity());
+            let expected = oracle::map_eigenvalues(&exact.to_matrix(), |x| x.max(0.0));
+            let error = (exact.filtered(Filter::Projected).to_matrix() - expected).amax();
+            assert!(error < 2e-14, "{sigma:?}: {error:e}");
+        }
+    }
 }
 
 #[test]
