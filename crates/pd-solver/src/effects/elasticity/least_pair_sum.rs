@@ -185,3 +185,55 @@ fn perhaps_raised<S: Simd>(simd: S, m: &LaneMatrix<S>, bound: S::f64s) -> S::m64
     let level = simd.mul_add_e_f64s(norm2, fraction, simd.splat_f64s(RAISED2_MIN));
     simd.less_than_f64s(simd.mul_f64s(bound, bound), level)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use nalgebra::{Rotation3, Vector3};
+    use polar_grad::lanes::{polar_rotation_lanes, rotation_factor_lanes};
+    use pulp::Scalar;
+
+    /// Sums that are simple, double, triple, tiny and zero, among others a little above or below them, in both orders.
+    #[test]
+    fn the_smallest_is_found_in_any_order() {
+        let classes = [
+            [1.0, 1.0, 1.0],
+            [1.0, 1.0, 0.5],
+            [2.0, 0.7, 0.7],
+            [1.3, 0.9, -0.4],
+            [2.0, 1.0, -1.0 + 1e-7],
+            [1.0, 1.0, -1.0 + 1e-12],
+            [1.0, 0.5, -0.5],
+            [1e-170, 1e-170, 0.0],
+        ];
+        for sigma in classes {
+            for nearby in [1e-3, 1e-7, 1e-10] {
+                let mut matrices = Vec::new();
+                for i in 0..40 {
+                    let size = 1.0 + nearby * f64::from(i % 7);
+                    let diagonal = Vector3::from(sigma).map(|s| s * size);
+                    let turn = Rotation3::from_euler_angles(f64::from(i), 0.3, 1.7).into_inner();
+                    let other = Rotation3::from_euler_angles(1.1, f64::from(i), 0.2).into_inner();
+                    matrices.push(turn * Matrix3::from_diagonal(&diagonal) * other);
+                }
+                let exact = matrices.iter().map(pair_sum).fold(f64::INFINITY, f64::min);
+                for _ in 0..2 {
+                    matrices.reverse();
+                    let mut smallest = LeastPairSum::new();
+                    for m in &matrices {
+                        let m: [f64; 9] = std::array::from_fn(|k| m[(k / 3, k % 3)]);
+                        let rotation = polar_rotation_lanes(Scalar, &m);
+                        let b = rotation_factor_lanes(Scalar, &rotation, &m).factor;
+                        smallest.see(Scalar, &m, &b);
+                    }
+                    let found = smallest.finish();
+                    let error = (found - exact).abs();
+                    assert!(
+                        error <= 4e-12 * exact,
+                        "{sigma:?} {nearby} {found:e} {exact:e}"
+                    );
+                }
+            }
+        }
+    }
+}
