@@ -13,6 +13,9 @@
 //! | [`shape_targeting_energy`] and its gradients | `1/2 abs(F - R A)^2` with `R` the polar rotation of `F A` |
 //! | [`actuation_vjp`] | the product with the mixed derivative that an implicit adjoint needs |
 //!
+//! With the feature `simd`: `batch` does many matrices at once, one per SIMD lane, by the widest instruction set of the machine;
+//! `lanes` are the same functions on SIMD values, for callers with a loop of their own.
+//!
 //! # Conventions
 //! `vec` is row-wise: `vec(M)[3 i + j] = M_ij`. `[w]_x` is the cross-product matrix, `[w]_x y = w x
 //! y`, and `axial(X) = (X_32 - X_23, X_13 - X_31, X_21 - X_12)`, so that `X - X^T = [axial(X)]_x`.
@@ -33,8 +36,8 @@
 //! ```
 #![forbid(unsafe_code)]
 
-/// The example of the read-me compiles and runs.
-#[cfg(doctest)]
+/// The examples of the read-me compile and run.
+#[cfg(all(doctest, feature = "simd"))]
 #[doc = include_str!("../README.md")]
 struct Readme;
 
