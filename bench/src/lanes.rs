@@ -1,0 +1,134 @@
+//! Kernels over many 3x3 matrices in SIMD lanes, on every instruction set of the machine.
+
+use nalgebra::Matrix3;
+use polar_grad::lanes::{LaneMatrix, polar_rotation_lanes, rotation_tangent_lanes};
+use pulp::{Simd, WithSimd};
+
+/// Matrices in a block: a multiple of the lanes of every instruction set.
+pub const BLOCK: usize = 8;
+
+/// Eight matrices, entry by entry: `block[3 i + j]` holds M_ij of each.
+pub type Block = [[f64; BLOCK]; 9];
+
+/// What is done to every matrix.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum LaneKernel {
+    /// The polar rotation.
+    Rotation,
+    /// The tangent of the rotation along the matrix itself, with the identity as its factor: the work of a Hessian product.
+    Tangent,
+}
+
+/// Blocks of matrices; the list is a multiple of [`BLOCK`] long.
+pub fn blocks(matrices: &[Matrix3<f64>]) -> Vec<Block> {
+    let block =
+        |m: &[Matrix3<f64>]| std::array::from_fn(|k| std::array::from_fn(|i| m[i][(k / 3, k % 3)]));
+    matrices.chunks_exact(BLOCK).map(block).collect()
+}
+
+/// The matrices of blocks, one after another.
+pub fn matrices(blocks: &[Block]) -> Vec<Matrix3<f64>> {
+    let all = blocks.iter().flat_map(|block| {
+        (0..BLOCK).map(|i| Matrix3::from_fn(|row, column| block[3 * row + column][i]))
+    });
+    all.collect()
+}
+
+/// Runs a kernel over all blocks on an instruction set.
+pub fn run(set: InstructionSet, kernel: LaneKernel, input: &[Block], out: &mut [Block]) {
+    set.run(Pass { kernel, input, out });
+}
+
+/// An instruction set that this machine has.
+#[derive(Debug, Clone, Copy)]
+pub enum InstructionSet {
+    /// No vectors at all.
+    Portable,
+    /// What pulp finds best on processors of other kinds.
+    #[cfg(not(target_arch = "x86_64"))]
+    Best,
+    /// AVX2 with FMA.
+    #[cfg(target_arch = "x86_64")]
+    Avx2(pulp::x86::V3),
+    /// AVX-512.
+    #[cfg(target_arch = "x86_64")]
+    Avx512(pulp::x86::V4),
+}
+
+impl InstructionSet {
+    /// All that this machine has, the best one last.
+    pub fn all() -> Vec<Self> {
+        let mut all = vec![Self::Portable];
+        #[cfg(not(target_arch = "x86_64"))]
+        all.push(Self::Best);
+        #[cfg(target_arch = "x86_64")]
+        {
+            all.extend(pulp::x86::V3::try_new().map(Self::Avx2));
+            all.extend(pulp::x86::V4::try_new().map(Self::Avx512));
+        }
+        all
+    }
+
+    /// The best one.
+    pub fn best() -> Self {
+        *Self::all().last().expect("the portable one at least")
+    }
+
+    /// Its name.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Portable => "portable",
+            #[cfg(not(target_arch = "x86_64"))]
+            Self::Best => "best",
+            #[cfg(target_arch = "x86_64")]
+            Self::Avx2(_) => "AVX2",
+            #[cfg(target_arch = "x86_64")]
+            Self::Avx512(_) => "AVX-512",
+        }
+    }
+
+    /// Runs an operation on it.
+    pub fn run<Op: WithSimd>(self, operation: Op) -> Op::Output {
+        match self {
+            Self::Portable => pulp::Scalar::new().vectorize(operation),
+            #[cfg(not(target_arch = "x86_64"))]
+            Self::Best => pulp::Arch::new().dispatch(operation),
+            #[cfg(target_arch = "x86_64")]
+            Self::Avx2(simd) => Simd::vectorize(simd, operation),
+            #[cfg(target_arch = "x86_64")]
+            Self::Avx512(simd) => Simd::vectorize(simd, operation),
+        }
+    }
+}
+
+struct Pass<'a> {
+    kernel: LaneKernel,
+    input: &'a [Block],
+    out: &'a mut [Block],
+}
+
+impl WithSimd for Pass<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) {
+        let one = simd.splat_f64s(1.0);
+        let zero = simd.splat_f64s(0.0);
+        let factor = [one, zero, zero, one, zero, one];
+        for (block, out) in self.input.iter().zip(self.out) {
+            for part in 0..BLOCK / S::F64_LANES {
+                let mut m: LaneMatrix<S> = [zero; 9];
+                for (m, entries) in m.iter_mut().zip(block) {
+                    *m = S::as_simd_f64s(entries).0[part];
+                }
+                let result = match self.kernel {
+                    LaneKernel::Rotation => polar_rotation_lanes(simd, &m),
+                    LaneKernel::Tangent => rotation_tangent_lanes(simd, &m, &factor, &m),
+                };
+                for (entries, result) in out.iter_mut().zip(result) {
+                    S::as_mut_simd_f64s(entries).0[part] = result;
+                }
+            }
+        }
+    }
+}
