@@ -15,7 +15,8 @@ pub type Block = [[f64; BLOCK]; 9];
 pub enum LaneKernel {
     /// The polar rotation.
     Rotation,
-    /// The tangent of the rotation along the matrix itself, with the identity as its factor: the work of a Hessian product.
+    /// The tangent of a rotation, as every Hessian product needs it. Each block stands for rotations, the next two for the
+    /// directions and the factors: any numbers do, as there is no branch in it.
     Tangent,
 }
 
@@ -112,18 +113,25 @@ impl WithSimd for Pass<'_> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) {
-        let one = simd.splat_f64s(1.0);
         let zero = simd.splat_f64s(0.0);
-        let factor = [one, zero, zero, one, zero, one];
-        for (block, out) in self.input.iter().zip(self.out) {
+        for (i, out) in self.out.iter_mut().enumerate() {
+            let block = |ahead: usize| &self.input[(i + ahead) % self.input.len()];
             for part in 0..BLOCK / S::F64_LANES {
-                let mut m: LaneMatrix<S> = [zero; 9];
-                for (m, entries) in m.iter_mut().zip(block) {
-                    *m = S::as_simd_f64s(entries).0[part];
-                }
+                let load = |block: &Block| {
+                    let mut m: LaneMatrix<S> = [zero; 9];
+                    for (m, entries) in m.iter_mut().zip(block) {
+                        *m = S::as_simd_f64s(entries).0[part];
+                    }
+                    m
+                };
+                let m = load(block(0));
                 let result = match self.kernel {
                     LaneKernel::Rotation => polar_rotation_lanes(simd, &m),
-                    LaneKernel::Tangent => rotation_tangent_lanes(simd, &m, &factor, &m),
+                    LaneKernel::Tangent => {
+                        let [f0, f1, f2, f3, f4, f5, ..] = load(block(2));
+                        let factor = [f0, f1, f2, f3, f4, f5];
+                        rotation_tangent_lanes(simd, &m, &factor, &load(block(1)))
+                    }
                 };
                 for (entries, result) in out.iter_mut().zip(result) {
                     S::as_mut_simd_f64s(entries).0[part] = result;

@@ -18,7 +18,12 @@ use std::process::ExitCode;
 
 /// Measures solves, kernels and the machine. Timings are medians of wall-clock seconds; every command writes --json FILE.
 #[derive(Parser)]
-#[command(name = "cargo xtask bench", version, max_term_width = 100)]
+#[command(
+    name = "myofield-bench",
+    bin_name = "cargo xtask bench",
+    version,
+    max_term_width = 100
+)]
 struct Cli {
     #[command(subcommand)]
     command: Command,

@@ -23,7 +23,7 @@ pub struct SolveArgs {
     #[arg(long, value_name = "N", default_value_t = 2000, allow_hyphen_values = true, value_parser = parse_count)]
     pub max_iterations: usize,
     /// Seed of the random cotangent (and of the actuation of `body`).
-    #[arg(long, value_name = "N", default_value_t = 1)]
+    #[arg(long, value_name = "N", default_value_t = 1, allow_hyphen_values = true, value_parser = parse_seed)]
     pub seed: u64,
     #[command(flatten)]
     pub repeat: RepeatArgs,
@@ -208,6 +208,12 @@ pub fn parse_finite(text: &str) -> std::result::Result<f64, String> {
 pub fn parse_count(text: &str) -> std::result::Result<usize, String> {
     let number = text.parse().ok().filter(|&n| n > 0);
     number.ok_or_else(|| "give a whole number above zero".into())
+}
+
+/// A seed.
+pub fn parse_seed(text: &str) -> std::result::Result<u64, String> {
+    let number = text.parse().ok();
+    number.ok_or_else(|| format!("give a whole number from 0 to {}", u64::MAX))
 }
 
 /// More threads than any machine that this runs on has cores would only exhaust the system.

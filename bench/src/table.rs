@@ -2,11 +2,19 @@
 
 use crate::measure::Measurement;
 use serde::Serialize;
-use std::fmt::Write;
+use std::fmt::Write as _;
+use std::io::Write as _;
 
 /// Prints rows with aligned columns: the first one to the left, the others to the right.
 pub fn print(rows: &[Vec<String>]) {
-    print!("{}", aligned(rows));
+    say(&aligned(rows));
+}
+
+/// Prints a text. A reader that has gone (`| head`) is no reason to fail: the numbers are in the file by then.
+pub fn say(text: &str) {
+    let mut out = std::io::stdout().lock();
+    out.write_all(text.as_bytes()).ok();
+    out.flush().ok();
 }
 
 fn aligned(rows: &[Vec<String>]) -> String {

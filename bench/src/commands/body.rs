@@ -5,7 +5,7 @@ use crate::error::Result;
 use crate::files::{check_writable, write_json};
 use crate::measure::{Measurement, measure};
 use crate::options::{SolveArgs, parse_finite, parse_positive, use_threads};
-use crate::table::{print, print_measurement, row};
+use crate::table::{print, print_measurement, row, say};
 use clap::Args;
 use serde::Serialize;
 use std::path::PathBuf;
@@ -93,14 +93,16 @@ pub fn run(args: &BodyArgs) -> Result<bool> {
         body,
         solid_box,
     };
-    print_comparison(&report);
     write_json(json, &report)?;
+    print_comparison(&report);
     Ok(report.body.converged() && report.solid_box.converged())
 }
 
 fn print_comparison(report: &Report) {
     let [x, y, z] = report.solid_box.cells.unwrap_or_default();
-    println!("\nper element, beside the box of {x} x {y} x {z}:");
+    say(&format!(
+        "\nper element, beside the box of {x} x {y} x {z}:\n"
+    ));
     let (us, ratio) = (&report.per_element_us, &report.ratio_to_box);
     let line =
         |step: &str, us: f64, ratio: f64| row([step, &format!("{us:.3}"), &format!("{ratio:.2}")]);

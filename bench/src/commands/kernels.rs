@@ -6,7 +6,7 @@ use crate::files::{check_writable, write_json};
 use crate::lanes::{BLOCK, Block, InstructionSet, LaneKernel, blocks, matrices, run as run_lanes};
 use crate::options::{RepeatArgs, parse_cells, parse_count, use_threads};
 use crate::system;
-use crate::table::{optional, print, row};
+use crate::table::{optional, print, row, say};
 use crate::timing::{median, timed};
 use clap::Args;
 use nalgebra::{Matrix3, Rotation3, Vector3};
@@ -21,8 +21,8 @@ use std::hint::black_box;
 /// Options of `kernels`.
 #[derive(Args, Debug)]
 pub struct KernelsArgs {
-    /// 3x3 matrices of each class; the default stays within the second cache.
-    #[arg(long, value_name = "N", default_value_t = 4096, allow_hyphen_values = true, value_parser = parse_count)]
+    /// 3x3 matrices of each class; the default stays within the first cache.
+    #[arg(long, value_name = "N", default_value_t = 256, allow_hyphen_values = true, value_parser = parse_count)]
     count: usize,
     /// Elements along x, y and z of the reference box, for the solver's loops.
     #[arg(long, value_name = "NX,NY,NZ", default_value = "32,16,16", allow_hyphen_values = true, value_parser = parse_cells)]
@@ -83,8 +83,8 @@ pub fn run(args: &KernelsArgs) -> Result<bool> {
         per_matrix,
         per_sample: solver_loops(args)?,
     };
-    print_report(&report);
     write_json(json, &report)?;
+    print_report(&report);
     Ok(true)
 }
 
@@ -258,6 +258,6 @@ fn print_report(report: &Report) {
             ])
         }));
         print(&rows);
-        println!();
+        say("\n");
     }
 }

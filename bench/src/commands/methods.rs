@@ -7,7 +7,7 @@ use crate::options::{
     Name, Size, method_names, parse_count, parse_method, parse_positive, parse_size,
 };
 use crate::system;
-use crate::table::{optional, print, seconds};
+use crate::table::{optional, print, say, seconds};
 use clap::Args;
 use serde::Serialize;
 use serde_json::Value;
@@ -101,8 +101,8 @@ pub fn run(args: &MethodsArgs) -> Result<bool> {
         load,
         table,
     };
-    print_report(&report);
     write_json(args.json.as_deref(), &report)?;
+    print_report(&report);
     let mut measured = report
         .table
         .iter()
@@ -123,8 +123,11 @@ fn one(method: &str, size: &Size, args: &MethodsArgs) -> (Option<Value>, Option<
     }
 }
 
+/// How an entry of a table reads.
+type Entry = fn(&Value) -> String;
+
 fn print_report(report: &Report) {
-    let tables: [(&str, fn(&Value) -> String); 4] = [
+    let tables: [(&str, Entry); 4] = [
         ("forward s (iterations)", forward),
         ("adjoint s (iterations)", |m| {
             timed(m, "backward_s", "adjoint_iterations")
@@ -135,7 +138,7 @@ fn print_report(report: &Report) {
         }),
     ];
     for (title, entry) in tables {
-        println!();
+        say("\n");
         let mut rows = vec![vec![title.to_string()]];
         rows[0].extend(report.sizes.iter().cloned());
         for (method, cells) in report

@@ -5,7 +5,7 @@ use crate::files::{check_writable, write_json};
 use crate::lanes::InstructionSet;
 use crate::options::{parse_count, parse_threads};
 use crate::system;
-use crate::table::{print, row};
+use crate::table::{print, row, say};
 use clap::Args;
 use pulp::{Simd, WithSimd};
 use serde::Serialize;
@@ -121,8 +121,8 @@ pub fn run(args: &RooflineArgs) -> Result<bool> {
         read,
         multiply_add,
     };
-    print_report(&report);
     write_json(args.json.as_deref(), &report)?;
+    print_report(&report);
     Ok(true)
 }
 
@@ -213,11 +213,11 @@ chains!(Chains64, f64, splat_f64s, mul_add_e_f64s, F64_LANES);
 chains!(Chains32, f32, splat_f32s, mul_add_e_f32s, F32_LANES);
 
 fn print_report(report: &Report) {
-    println!(
-        "{}, {}",
+    say(&format!(
+        "{}, {}\n",
         report.processor.as_deref().unwrap_or("unknown processor"),
         report.instruction_set
-    );
+    ));
     let mut rows = vec![row(["read MB", "threads", "GB/s"])];
     rows.extend(report.read.iter().map(|r| {
         let rate = format!("{:.1}", r.gigabytes_per_second);

@@ -34,7 +34,7 @@ pub fn run(args: &BoxArgs) -> Result<bool> {
     use_threads(args.solve.repeat.threads)?;
     let case = Case::solid_box(args.cells, args.amplitude)?;
     let measurement = measure(&case, &args.solve, args.reference)?;
-    print_measurement(&measurement);
     write_json(json, &measurement)?;
+    print_measurement(&measurement);
     Ok(measurement.converged())
 }

@@ -4,7 +4,7 @@ use crate::child::{Outcome, converged, measure_box, number};
 use crate::error::{BenchError, Result};
 use crate::files::{check_writable, write_json};
 use crate::options::{Name, parse_cells, parse_count, parse_method, parse_threads};
-use crate::table::{optional, print, row, seconds};
+use crate::table::{optional, print, row, say, seconds};
 use clap::Args;
 use serde::Serialize;
 use serde_json::Value;
@@ -78,8 +78,8 @@ pub fn run(args: &ThreadsArgs) -> Result<bool> {
         same_bits: first.is_string() && measurements.iter().all(|m| m["positions_hash"] == *first),
         measurements,
     };
-    print_report(&report);
     write_json(args.json.as_deref(), &report)?;
+    print_report(&report);
     Ok(report.measurements.iter().all(converged))
 }
 
@@ -105,5 +105,5 @@ fn print_report(report: &Report) {
         ]);
     }
     print(&rows);
-    println!("same bits: {}", report.same_bits);
+    say(&format!("same bits: {}\n", report.same_bits));
 }

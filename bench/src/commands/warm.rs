@@ -5,7 +5,7 @@ use crate::error::Result;
 use crate::files::{check_writable, write_json};
 use crate::options::{Name, SolveArgs, parse_cells, parse_finite, use_threads};
 use crate::system;
-use crate::table::{print, row, seconds};
+use crate::table::{print, row, say, seconds};
 use crate::timing::{again, median, timed};
 use clap::Args;
 use pd_solver::Status;
@@ -102,8 +102,8 @@ pub fn run(args: &WarmArgs) -> Result<bool> {
         all_cold_s,
         all_warm_s,
     };
-    print_report(&report);
     write_json(json, &report)?;
+    print_report(&report);
     let statuses = [start.status, cold.status, warm.status];
     Ok(statuses.iter().all(|&status| status == Status::Converged))
 }
@@ -126,10 +126,10 @@ fn print_report(r: &Report) {
             &energy(r.warm_energy),
         ]),
     ]);
-    println!(
-        "actuation changed by {} %: {:.3} of a cold solve; results {:.2e} apart",
+    say(&format!(
+        "actuation changed by {} %: {:.3} of a cold solve; results {:.2e} apart\n",
         100.0 * r.change,
         r.share,
         r.distance
-    );
+    ));
 }
