@@ -1,8 +1,7 @@
 //! The Hessian core of the shape-targeting energy: products, spectrum and filters.
 
 use crate::gradient::{RotationGradient, cross_basis};
-use crate::linear::{mul, mul_tr, pair_sums, symmetrize, tr_mul};
-use crate::polar::polar;
+use crate::linear::{conjugate, mul, mul_tr, pair_sums, symmetrize, tr_mul};
 use crate::symmetric::{Minors, SINGULAR, eigen, inverse_cholesky_factor};
 use nalgebra::{Matrix3, SMatrix};
 
@@ -123,10 +122,14 @@ impl HessianCore {
         core
     }
 
-    /// `Z^T Z = tr(A^2) I - A^2`.
     fn reach(&self) -> Matrix3<f64> {
-        pair_sums(&symmetrize(&tr_mul(&self.actuation, &self.actuation)))
+        reach(&self.actuation)
     }
+}
+
+/// `K = Z^T Z = tr(A^2) I - A^2`.
+pub(crate) fn reach(actuation: &Matrix3<f64>) -> Matrix3<f64> {
+    pair_sums(&symmetrize(&tr_mul(actuation, actuation)))
 }
 
 /// Axes `Y` (columns) with `Y^T (K + T) Y = I` and `Y^T K Y` diagonal, for positive semi-definite
@@ -148,18 +151,19 @@ fn congruent(l: &Matrix3<f64>, x: &Matrix3<f64>) -> Matrix3<f64> {
 /// `sum_k min(1, 1/mu_k) w_k w_k^T`.
 ///
 /// With `K + T = L L^T` and `X = L^-1 (K - T) L^-T`, whose eigenvalues are `x = (mu - 1) / (mu +
-/// 1)`, this is `L^-T 2 (I + |X|)^-1 L^-1`: nothing is divided by a small number, and no
-/// eigenvector is needed.
-fn projected_factor(k: &Matrix3<f64>, t: &Matrix3<f64>) -> Matrix3<f64> {
+/// 1)`, this is `L^-T 2 (I + |X|)^-1 L^-1`: nothing is divided by a small number.
+pub(crate) fn projected_factor(k: &Matrix3<f64>, t: &Matrix3<f64>) -> Matrix3<f64> {
     let inverse = inverse_cholesky_factor(&(k + t));
     let magnitude = absolute_value(&congruent(&inverse, &(k - t)));
     let weights = Minors::of(&(Matrix3::identity() + magnitude)).inverse() * 2.0;
     congruent(&inverse.transpose(), &weights)
 }
 
-/// `|X|`, the symmetric matrix with the absolute eigenvalues of `X`: the stretch of `X` or `-X`,
-/// whichever has no negative determinant.
+/// `|X|`, the symmetric matrix with the absolute eigenvalues of `X`, to rounding of the largest.
+///
+/// (The stretch of `X` or `-X`, whichever has no negative determinant, is the same matrix without eigenvectors; but where two
+/// eigenvalues are small the sign of a rounded determinant is anyone's guess, which costs half the digits.)
 fn absolute_value(x: &Matrix3<f64>) -> Matrix3<f64> {
-    let sign = 1.0_f64.copysign(x.determinant());
-    polar(&(x * sign)).stretch
+    let (values, axes) = eigen(x);
+    conjugate(&axes, &values.abs())
 }

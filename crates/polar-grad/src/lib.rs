@@ -55,6 +55,8 @@ mod tests;
 
 pub use gradient::{PAIR_SUM_FLOOR, PAIR_SUM_MIN, RotationGradient};
 pub use hessian::{Filter, HessianCore, Spectrum};
+#[cfg(feature = "simd")]
+pub use lanes::batch;
 pub use polar::{Polar, polar, polar_rotation};
 pub use shape_targeting::{
     actuation_from_b, actuation_vjp, shape_targeting_actuation_gradient, shape_targeting_energy,
