@@ -3,13 +3,17 @@
 use crate::case::Case;
 use crate::error::Result;
 use crate::files::{check_writable, write_json};
-use crate::lanes::{BLOCK, Block, InstructionSet, LaneKernel, blocks, matrices, run as run_lanes};
+use crate::lanes::{
+    ACTUATION, BLOCK, Block, InstructionSet, LaneKernel, blocks, matrices, run as run_lanes,
+    symmetric_blocks,
+};
 use crate::options::{RepeatArgs, parse_cells, parse_count, use_threads};
 use crate::system;
 use crate::table::{optional, print, row, say};
 use crate::timing::{median, timed};
 use clap::Args;
 use nalgebra::{Matrix3, Rotation3, Vector3};
+use polar_grad::lanes::batch;
 use polar_grad::{
     Filter, HessianCore, RotationGradient, actuation_from_b, polar_rotation, signed_svd,
 };
@@ -73,6 +77,7 @@ pub fn run(args: &KernelsArgs) -> Result<bool> {
         let list = deformations(args.count.next_multiple_of(BLOCK), inverted);
         scalar_kernels(args, class, &list, &mut per_matrix);
         lane_kernels(args, class, &list, &mut per_matrix);
+        batch_kernels(args, class, &list, &mut per_matrix);
     }
     let report = Report {
         processor: system::processor(),
@@ -179,15 +184,30 @@ fn lane_kernels(
     list: &[Matrix3<f64>],
     out: &mut Vec<Kernel>,
 ) {
-    let input = blocks(list);
-    let mut output: Vec<Block> = vec![[[0.0; BLOCK]; 9]; input.len()];
-    for (name, kernel) in [
-        ("polar_rotation_lanes", LaneKernel::Rotation),
-        ("rotation_tangent_lanes", LaneKernel::Tangent),
+    let matrices_in_blocks = blocks(list);
+    let pair_sums = symmetric_blocks(&Batch::of(list).pair_sums);
+    let mut output: Vec<Block> = vec![[[0.0; BLOCK]; 9]; matrices_in_blocks.len()];
+    for (name, kernel, input) in [
+        (
+            "polar_rotation_lanes",
+            LaneKernel::Rotation,
+            &matrices_in_blocks,
+        ),
+        (
+            "rotation_factor_lanes",
+            LaneKernel::Factor,
+            &matrices_in_blocks,
+        ),
+        ("projected_factor_lanes", LaneKernel::Projection, &pair_sums),
+        (
+            "rotation_tangent_lanes",
+            LaneKernel::Tangent,
+            &matrices_in_blocks,
+        ),
     ] {
         for set in InstructionSet::all() {
             let nanoseconds = nanoseconds(args, list.len(), || {
-                run_lanes(set, kernel, black_box(&input), &mut output);
+                run_lanes(set, kernel, black_box(input), &mut output);
                 black_box(&mut output);
             });
             let rotations = matrices(&output).into_iter();
@@ -200,6 +220,78 @@ fn lane_kernels(
             });
         }
     }
+}
+
+/// Plain slices for the batch functions.
+struct Batch {
+    rotations: Vec<Matrix3<f64>>,
+    pair_sums: Vec<[f64; 6]>,
+    factors: Vec<[f64; 6]>,
+}
+
+impl Batch {
+    fn of(list: &[Matrix3<f64>]) -> Self {
+        let n = list.len();
+        let mut all = Self {
+            rotations: vec![Matrix3::zeros(); n],
+            pair_sums: vec![[0.0; 6]; n],
+            factors: vec![[0.0; 6]; n],
+        };
+        let Self {
+            rotations,
+            pair_sums,
+            factors,
+        } = &mut all;
+        batch::factors(list, rotations, pair_sums, factors);
+        all
+    }
+}
+
+fn batch_kernels(
+    args: &KernelsArgs,
+    class: &'static str,
+    list: &[Matrix3<f64>],
+    out: &mut Vec<Kernel>,
+) {
+    let Batch {
+        mut rotations,
+        mut pair_sums,
+        mut factors,
+    } = Batch::of(list);
+    let off = defect(rotations.iter().copied());
+    let mut add = |kernel: &str, orthogonality, pass: &mut dyn FnMut()| {
+        out.push(Kernel {
+            kernel: kernel.into(),
+            instruction_set: InstructionSet::best().name(),
+            class,
+            nanoseconds: nanoseconds(args, list.len(), pass),
+            orthogonality,
+        });
+    };
+    add("batch::polar_rotations", Some(off), &mut || {
+        batch::polar_rotations(black_box(list), &mut rotations);
+        black_box(&mut rotations);
+    });
+    add("batch::factors", Some(off), &mut || {
+        batch::factors(
+            black_box(list),
+            &mut rotations,
+            &mut pair_sums,
+            &mut factors,
+        );
+        black_box(&mut factors);
+    });
+    let actuations = vec![ACTUATION; list.len()];
+    let mut projected = factors.clone();
+    add("batch::projected_factors", None, &mut || {
+        batch::projected_factors(black_box(&pair_sums), &actuations, &mut projected);
+        black_box(&mut projected);
+    });
+    let mut products = rotations.clone();
+    add("batch::hessian_products", None, &mut || {
+        batch::hessian_products(&rotations, &factors, black_box(list), &mut products);
+        black_box(&mut products);
+    });
 }
 
 /// What the solver's public functions cost per sample, with the copying and checking of their arguments.
