@@ -17,7 +17,7 @@ pub const PAIR_SUM_MIN: f64 = f64::from_bits((1023 - 511) << 52);
 
 /// Minors of `tr(S) I - S` above this fraction of `(tr S)^k` make its inverse by cofactors accurate
 /// to about 1e-13.
-pub(crate) const WELL_CONDITIONED: f64 = 1e-3;
+const WELL_CONDITIONED: f64 = 1e-3;
 
 /// The polar rotation `R` of `M = R S` and its derivative, `dR = R [B axial(R^T dM)]_x` with `B =
 /// (tr(S) I - S)^-1`.

@@ -49,6 +49,22 @@ pub(super) fn reciprocal<S: Simd>(simd: S, v: S::f64s) -> S::f64s {
     simd.div_f64s(simd.splat_f64s(1.0), v)
 }
 
+/// `k v` for all entries of a vector or matrix.
+///
+/// A loop, not `map`: what the compiler does not inline, like the closures of `map`, loses the instruction set.
+#[inline(always)]
+pub(super) fn times<S: Simd, const N: usize>(
+    simd: S,
+    v: &[S::f64s; N],
+    k: S::f64s,
+) -> [S::f64s; N] {
+    let mut out = *v;
+    for x in &mut out {
+        *x = simd.mul_f64s(*x, k);
+    }
+    out
+}
+
 /// The sum of the squares of all entries.
 #[inline(always)]
 pub(super) fn norm_squared<S: Simd>(simd: S, m: &[S::f64s]) -> S::f64s {
@@ -182,7 +198,7 @@ pub fn symmetric_adjugate<S: Simd>(simd: S, t: &SymmetricLanes<S>) -> (Symmetric
 pub fn symmetric_inverse<S: Simd>(simd: S, t: &SymmetricLanes<S>) -> SymmetricLanes<S> {
     let (adjugate, determinant) = symmetric_adjugate(simd, t);
     let inverse = reciprocal(simd, determinant);
-    adjugate.map(|x| simd.mul_f64s(x, inverse))
+    times(simd, &adjugate, inverse)
 }
 
 /// Whether the leading minors of a symmetric matrix, `(first, second, determinant)`, are above `margin * scale^k`, k being
@@ -234,7 +250,7 @@ pub fn lower_congruence<S: Simd>(
 ) -> SymmetricLanes<S> {
     let rows = [[x[0], x[1], x[2]], [x[1], x[3], x[4]], [x[2], x[4], x[5]]];
     // Rows of L X.
-    let first = rows[0].map(|x| simd.mul_f64s(l[0], x));
+    let first = times(simd, &rows[0], l[0]);
     let pair = |j: usize| simd.mul_add_e_f64s(l[3], rows[1][j], simd.mul_f64s(l[1], rows[0][j]));
     let second = [pair(0), pair(1), pair(2)];
     let third = symmetric_times(simd, x, &[l[2], l[4], l[5]]);

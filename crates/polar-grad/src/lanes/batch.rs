@@ -239,7 +239,11 @@ impl<const N: usize> Block<N> {
 
     #[inline(always)]
     fn load<S: Simd>(&self, part: usize) -> [S::f64s; N] {
-        self.0.each_ref().map(|row| S::as_simd_f64s(row).0[part])
+        let mut out = [S::as_simd_f64s(&self.0[0]).0[part]; N];
+        for (value, row) in out.iter_mut().zip(&self.0) {
+            *value = S::as_simd_f64s(row).0[part];
+        }
+        out
     }
 
     #[inline(always)]

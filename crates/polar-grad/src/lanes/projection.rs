@@ -2,7 +2,7 @@
 
 use super::algebra::{
     dot3, inverse_cholesky_factor, lower_congruence, minor, reciprocal, scaled, symmetric_adjugate,
-    symmetric_inverse, symmetric_pair_sums, symmetric_square, upper_congruence,
+    symmetric_inverse, symmetric_pair_sums, symmetric_square, times, upper_congruence,
 };
 use super::{SymmetricLanes, all, for_each_failed, set_symmetric, symmetric_of_lane};
 use crate::hessian::{projected_factor, reach};
@@ -46,8 +46,8 @@ pub fn projected_factor_lanes<S: Simd>(
     }
     let trace = simd.add_f64s(sum[0], simd.add_f64s(sum[3], sum[5]));
     let unit = reciprocal(simd, trace);
-    let sum = sum.map(|x| simd.mul_f64s(x, unit));
-    let difference = difference.map(|x| simd.mul_f64s(x, unit));
+    let sum = times(simd, &sum, unit);
+    let difference = times(simd, &difference, unit);
     let (_, determinant) = symmetric_adjugate(simd, &sum);
     let good = simd.and_m64s(
         simd.less_than_f64s(simd.splat_f64s(SINGULAR), determinant),
@@ -63,7 +63,7 @@ pub fn projected_factor_lanes<S: Simd>(
     }
     let weights = symmetric_inverse(simd, &weights);
     let twice = scaled(simd, unit, 2.0);
-    let projected = upper_congruence(simd, &inverse, &weights).map(|x| simd.mul_f64s(x, twice));
+    let projected = times(simd, &upper_congruence(simd, &inverse, &weights), twice);
     if all(simd, good) {
         return projected;
     }
@@ -110,7 +110,7 @@ fn absolute_value<S: Simd>(simd: S, x: &SymmetricLanes<S>) -> SymmetricLanes<S> 
     let size = scaled(simd, squared_norm(simd, &deviator), 1.0 / 6.0);
     let size = simd.max_f64s(simd.sqrt_f64s(size), splat(NO_DEVIATOR));
     let unit = reciprocal(simd, size);
-    let d = deviator.map(|x| mul(x, unit));
+    let d = times(simd, &deviator, unit);
     let square = symmetric_square(simd, &d);
 
     // Eigenvalues of D: `single`, and `-single / 2` plus and minus `half`.
@@ -159,9 +159,10 @@ fn absolute_value<S: Simd>(simd: S, x: &SymmetricLanes<S>) -> SymmetricLanes<S> 
 /// The root of `z^3 - 3 z = d` in `[sqrt(3), 2]`, for `0 <= d <= 2`.
 #[inline(always)]
 fn largest_root<S: Simd>(simd: S, d: S::f64s) -> S::f64s {
-    let [c_0, c_1, c_2, c_3] = LARGEST_ROOT.map(|c| simd.splat_f64s(c));
-    let inner = simd.mul_add_e_f64s(simd.mul_add_e_f64s(c_3, d, c_2), d, c_1);
-    let mut z = simd.mul_add_e_f64s(inner, d, c_0);
+    let mut z = simd.splat_f64s(LARGEST_ROOT[3]);
+    for k in [2, 1, 0] {
+        z = simd.mul_add_e_f64s(z, d, simd.splat_f64s(LARGEST_ROOT[k]));
+    }
     let three = simd.splat_f64s(3.0);
     for _ in 0..ROOT_STEPS {
         let square = simd.mul_f64s(z, z);
