@@ -51,11 +51,21 @@ pub fn measure_box(
         }
         Err(_) => {
             let said = std::fs::read_to_string(&said).unwrap_or_default();
-            let error = said.lines().find(|line| line.starts_with("error:"));
-            let last = error.or(said.lines().last()).unwrap_or("it said nothing");
-            Err(failed(last.trim_start_matches("error: ").to_string()))
+            Err(failed(first_words(&said)))
         }
     }
+}
+
+/// The line of error, or else where a process panicked and why: the first two lines of what it said.
+fn first_words(said: &str) -> String {
+    if let Some(error) = said.lines().find_map(|line| line.strip_prefix("error: ")) {
+        return error.to_string();
+    }
+    let mut lines = said.lines().filter(|line| !line.trim().is_empty());
+    let first = lines.next().unwrap_or("it said nothing");
+    format!("{first} {}", lines.next().unwrap_or_default())
+        .trim_end()
+        .to_string()
 }
 
 /// Waits for a process to end; ends it after `limit` seconds, and tells whether it ended by itself.
@@ -84,4 +94,23 @@ pub fn number(measurement: &Value, key: &str) -> Option<f64> {
 pub fn converged(measurement: &Value) -> bool {
     let adjoint = measurement["adjoint_status"].as_str();
     measurement["status"] == "converged" && adjoint.is_some_and(|s| s.starts_with("converged"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::first_words;
+
+    #[test]
+    fn what_a_process_said_is_cut_to_the_point() {
+        assert_eq!(first_words(""), "it said nothing");
+        assert_eq!(
+            first_words("note: a\nerror: too large\nmore\n"),
+            "too large"
+        );
+        let panic = "\nthread 'main' panicked at a.rs:1:1:\nwhy\nstack backtrace:\n";
+        assert_eq!(
+            first_words(panic),
+            "thread 'main' panicked at a.rs:1:1: why"
+        );
+    }
 }

@@ -72,8 +72,8 @@ pub struct Measurement {
     pub adjoint_status: AdjointStatus,
     /// `|H z - b| / |b|` of the adjoint.
     pub adjoint_residual: f64,
-    /// Whether all solves gave the same bits.
-    pub repeatable: bool,
+    /// Whether all solves gave the same bits; absent where there was only one.
+    pub repeatable: Option<bool>,
     /// A hash of the positions' bits, to compare processes.
     pub positions_hash: String,
     /// How the reference solve ended.
@@ -181,12 +181,13 @@ pub fn measure(case: &Case, args: &SolveArgs, reference: bool) -> Result<Measure
     })
 }
 
-/// Solves from rest again and again; the seconds of each, the last solution, and whether all of them agree in every bit.
+/// Solves from rest again and again; the seconds of each, the last solution, and whether all of them (if more
+/// than one) agree in every bit.
 fn forward(
     solver: &mut Solver,
     parameters: &Parameters,
     args: &SolveArgs,
-) -> Result<(Vec<f64>, Solution, bool)> {
+) -> Result<(Vec<f64>, Solution, Option<bool>)> {
     let options = args.forward();
     let (first, mut solution) = timed(|| solver.solve(parameters, None, &options));
     let mut seconds = vec![first];
@@ -198,6 +199,7 @@ fn forward(
         repeatable &= solution.is_ok_and(|before| before.positions == next.positions);
         solution = Ok(next);
     }
+    let repeatable = (seconds.len() > 1).then_some(repeatable);
     Ok((seconds, solution?, repeatable))
 }
 

@@ -95,7 +95,10 @@ pub fn print_measurement(m: &Measurement) {
         ("status", name(&m.status)),
         ("adjoint_status", name(&m.adjoint_status)),
         ("adjoint_residual", short(m.adjoint_residual)),
-        ("repeatable", m.repeatable.to_string()),
+        (
+            "repeatable",
+            m.repeatable.map_or("-".into(), |r| r.to_string()),
+        ),
     ];
     let rows: Vec<_> = rows.map(|(key, value)| vec![key.into(), value]).into();
     print(&rows);

@@ -52,7 +52,12 @@ fn check_measurement(m: &Value) {
     }
     assert_eq!(m["status"], "converged");
     assert_eq!(m["adjoint_status"], "converged");
-    assert_eq!(m["repeatable"], true);
+    // The solver promises the same bits for the same input, whatever it solved before.
+    let many = numbers(m, "all_forward_s").len() > 1;
+    assert_eq!(
+        m["repeatable"],
+        if many { Value::Bool(true) } else { Value::Null }
+    );
     assert!(number(m, "residual") <= number(m, "relative_gradient"));
     assert!(number(m, "adjoint_residual") <= number(m, "adjoint_tolerance"));
     assert!(number(m, "iterations") > 0.0 && number(m, "adjoint_iterations") > 0.0);
@@ -67,7 +72,7 @@ fn near(a: f64, b: f64, tolerance: f64) {
 /// Newton agree on it.
 #[test]
 fn the_box_agrees_with_an_independent_code() {
-    let m = Place::new().measure("box --cells 32,16,16 --runs 1 --relative-gradient 1e-6");
+    let m = Place::new().measure("box --cells 32,16,16 --runs 2 --relative-gradient 1e-6");
     check_measurement(&m);
     assert_eq!(number(&m, "elements"), 8192.0);
     near(number(&m, "energy"), 0.996_839_58, 1e-7);
