@@ -13,10 +13,12 @@ cargo xtask COMMAND
   solve (--cells NX,NY,NZ --size H | --surface FILE --element-size H) --fix \"x=0\" [...]
                  find one equilibrium and the gradient of a loss, on arrays in .npy files
   test [ARGS]    run all tests (arguments go to cargo test)
-  bench [ARGS]   run all benches (arguments go to cargo bench)
+  bench [ARGS]   run all benches of the crates (arguments begin with - and go to cargo bench)
+  bench box|body|methods|kernels|warm|threads|roofline [...]
+                 measure whole solves, kernels and the machine
   ci             everything that .ci/run checks
 
-`cargo xtask train --help` and the like tell more.
+`cargo xtask train --help`, `cargo xtask bench --help`, `cargo xtask bench box --help` and the like tell more.
 ";
 
 fn main() -> ExitCode {
@@ -24,8 +26,12 @@ fn main() -> ExitCode {
     let command = arguments.next().unwrap_or_default();
     let rest: Vec<String> = arguments.collect();
     match command.as_str() {
-        "train" | "eval" | "solve" => program(&command, &rest),
+        "train" | "eval" | "solve" => {
+            let words = [&[command], rest.as_slice()].concat();
+            program("trainer", "myofield", &words)
+        }
         "test" => run(&tests(&rest)),
+        "bench" if is_measurement(&rest) => program("myofield-bench", "myofield-bench", &rest),
         "bench" => run(&benches(&rest)),
         "ci" => checks(),
         "" | "help" | "-h" | "--help" => {
@@ -58,10 +64,19 @@ fn benches(more: &[String]) -> Line {
     words
 }
 
-fn program(command: &str, rest: &[String]) -> ExitCode {
-    let mut words = line("run --quiet --release --package trainer --bin myofield --");
-    words.push(command.to_string());
-    words.extend_from_slice(rest);
+/// Whether the arguments of `bench` name a measurement (or ask which there are), rather than being for cargo.
+fn is_measurement(arguments: &[String]) -> bool {
+    let first = arguments.first().map(String::as_str);
+    first.is_some_and(|word| matches!(word, "-h" | "--help") || !word.starts_with('-'))
+}
+
+fn program(package: &str, name: &str, arguments: &[String]) -> ExitCode {
+    let mut words = line("run --quiet --release --package");
+    words.push(package.to_string());
+    words.extend(line("--bin"));
+    words.push(name.to_string());
+    words.push("--".to_string());
+    words.extend_from_slice(arguments);
     become_or_run(cargo(&words))
 }
 

@@ -1,0 +1,9 @@
+//! One file per command.
+
+pub mod body;
+pub mod kernels;
+pub mod methods;
+pub mod roofline;
+pub mod solid_box;
+pub mod threads;
+pub mod warm;

@@ -1,0 +1,135 @@
+//! `warm`: a solve that starts from the equilibrium of a slightly different actuation.
+
+use crate::case::Case;
+use crate::error::Result;
+use crate::files::{check_writable, write_json};
+use crate::options::{Name, SolveArgs, parse_cells, parse_finite, use_threads};
+use crate::system;
+use crate::table::{print, row, say, seconds};
+use crate::timing::{again, median, timed};
+use clap::Args;
+use pd_solver::Status;
+use serde::Serialize;
+
+/// Options of `warm`.
+#[derive(Args, Debug)]
+pub struct WarmArgs {
+    /// Elements along x, y and z.
+    #[arg(long, value_name = "NX,NY,NZ", default_value = "32,16,16", allow_hyphen_values = true, value_parser = parse_cells)]
+    cells: [usize; 3],
+    /// How much the actuation grows between the two equilibria, as a share of itself.
+    #[arg(long, value_name = "X", default_value_t = 0.01, allow_hyphen_values = true, value_parser = parse_finite)]
+    change: f64,
+    #[command(flatten)]
+    solve: SolveArgs,
+}
+
+#[derive(Serialize)]
+struct Report {
+    cells: [usize; 3],
+    elements: usize,
+    method: String,
+    change: f64,
+    relative_gradient: f64,
+    /// Median seconds of a solve for the changed actuation from rest.
+    cold_s: f64,
+    /// Median seconds of the same solve from the equilibrium before the change.
+    warm_s: f64,
+    /// Warm over cold.
+    share: f64,
+    cold_iterations: usize,
+    warm_iterations: usize,
+    cold_energy: f64,
+    warm_energy: f64,
+    /// Largest distance of a node between the two results.
+    distance: f64,
+    threads: usize,
+    load: Option<f64>,
+    cold_status: Status,
+    warm_status: Status,
+    all_cold_s: Vec<f64>,
+    all_warm_s: Vec<f64>,
+}
+
+/// Measures, prints and writes; whether everything converged.
+///
+/// # Errors
+/// When the box is too large, or the file cannot be written.
+pub fn run(args: &WarmArgs) -> Result<bool> {
+    let json = args.solve.repeat.json.as_deref();
+    check_writable(json)?;
+    use_threads(args.solve.repeat.threads)?;
+    let load = system::load();
+    let case = Case::solid_box(args.cells, 1.0)?;
+    let (mut solver, before) = case.solver()?;
+    let mut after = before.clone();
+    let grown = after.actuation.iter_mut().flatten();
+    grown.for_each(|b| *b *= 1.0 + args.change);
+    let options = args.solve.forward();
+    let start = solver.solve(&before, None, &options)?;
+    let (mut all_cold_s, mut all_warm_s) = (Vec::new(), Vec::new());
+    // One after the other, so that a change of the machine's mood meets both.
+    let (cold, warm) = loop {
+        let (seconds, cold) = timed(|| solver.solve(&after, None, &options));
+        all_cold_s.push(seconds);
+        let (seconds, warm) = timed(|| solver.solve(&after, Some(&start.positions), &options));
+        all_warm_s.push(seconds);
+        let pair = (cold?, warm?);
+        if !again(&all_cold_s, &args.solve.repeat) {
+            break pair;
+        }
+    };
+    let pairs = cold.positions.iter().zip(&warm.positions);
+    let (cold_s, warm_s) = (median(&all_cold_s), median(&all_warm_s));
+    let report = Report {
+        cells: args.cells,
+        elements: case.mesh.elements().len(),
+        method: Name::to_string(&args.solve.method),
+        change: args.change,
+        relative_gradient: args.solve.relative_gradient,
+        cold_s,
+        warm_s,
+        share: warm_s / cold_s,
+        cold_iterations: cold.stats.iterations,
+        warm_iterations: warm.stats.iterations,
+        cold_energy: cold.stats.energy,
+        warm_energy: warm.stats.energy,
+        distance: pairs.map(|(a, b)| (a - b).norm()).fold(0.0, f64::max),
+        threads: rayon::current_num_threads(),
+        load,
+        cold_status: cold.status,
+        warm_status: warm.status,
+        all_cold_s,
+        all_warm_s,
+    };
+    write_json(json, &report)?;
+    print_report(&report);
+    let statuses = [start.status, cold.status, warm.status];
+    Ok(statuses.iter().all(|&status| status == Status::Converged))
+}
+
+fn print_report(r: &Report) {
+    let count = |n: usize| n.to_string();
+    let energy = |e: f64| format!("{e:.9}");
+    print(&[
+        row(["start", "seconds", "iterations", "energy"]),
+        row([
+            "rest",
+            &seconds(r.cold_s),
+            &count(r.cold_iterations),
+            &energy(r.cold_energy),
+        ]),
+        row([
+            "before",
+            &seconds(r.warm_s),
+            &count(r.warm_iterations),
+            &energy(r.warm_energy),
+        ]),
+    ]);
+    say(&format!(
+        "actuation changed by {} %: {:.3} of a cold solve; results {:.2e} apart\n",
+        100.0 * r.change,
+        r.share,
+        r.distance
+    ));
+}
