@@ -146,9 +146,9 @@ mod tests {
         assert_eq!(diagonal.largest_diagonal(), largest);
         let lower = matrix.compress();
         let mut found = 0;
-        for j in 0..4 {
+        for (j, expected) in dense.iter().enumerate() {
             for (i, value) in lower.column(j) {
-                assert!(i >= j && (value - dense[i][j]).abs() < 1e-14);
+                assert!(i >= j && (value - expected[i]).abs() < 1e-14);
                 found += 1;
             }
         }

@@ -72,8 +72,8 @@ impl Panel {
                     f64::from(u8::from(i == j))
                 }
             });
-            values.extend((0..WIDTH).map(|j| Block(std::array::from_fn(|i| inverse[i][j]))));
             values.extend(inverse.map(Block));
+            values.extend((0..WIDTH).map(|i| Block(inverse.map(|column| column[i]))));
             for block in group + 1..self.row_blocks() {
                 let start = values.len();
                 values.resize(start + WIDTH, Block::ZERO);
@@ -190,17 +190,17 @@ fn subtract_products<S: Simd, const N: usize>(
     }
 }
 
-/// The inverse, by rows, of the lower triangle `entry(i, j)`.
+/// The inverse, by columns, of the lower triangle `entry(i, j)`.
 fn inverse_of_triangle(entry: impl Fn(usize, usize) -> f64) -> [[f64; WIDTH]; WIDTH] {
-    let mut inverse = [[0.0; WIDTH]; WIDTH];
-    for j in 0..WIDTH {
-        for i in j..WIDTH {
-            let unit = f64::from(u8::from(i == j));
-            let sum: f64 = (j..i).map(|k| entry(i, k) * inverse[k][j]).sum();
-            inverse[i][j] = (unit - sum) / entry(i, i);
+    std::array::from_fn(|j| {
+        let mut column = [0.0; WIDTH];
+        column[j] = 1.0 / entry(j, j);
+        for i in j + 1..WIDTH {
+            let products = column[j..i].iter().zip(j..).map(|(c, k)| entry(i, k) * c);
+            column[i] = -products.sum::<f64>() / entry(i, i);
         }
-    }
-    inverse
+        column
+    })
 }
 
 #[cfg(test)]

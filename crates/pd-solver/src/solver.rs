@@ -230,6 +230,7 @@ fn run(
 ) -> methods::Outcome {
     match method {
         Method::LocalGlobal => methods::local_global(problem, u, target, options.max_iterations),
+        Method::Anderson => methods::anderson(problem, u, target, options.max_iterations),
         Method::Lbfgs => methods::lbfgs(problem, u, target, options.max_iterations),
         Method::Newton => methods::newton(problem, u, target, options.max_iterations),
     }
