@@ -72,6 +72,7 @@ fn equilibrium(c: &mut Criterion) {
         ("forward, L-BFGS", Method::Lbfgs),
         ("forward, Newton", Method::Newton),
         ("forward, local/global", Method::LocalGlobal),
+        ("forward, Anderson", Method::Anderson),
     ] {
         group.bench_function(name, |b| {
             b.iter(|| {

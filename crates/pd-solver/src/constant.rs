@@ -1,174 +1,159 @@
-//! The constant matrix of local/global iteration: assembled once, factored once, as one scalar matrix for three axes.
+//! The constant matrix of local/global iteration: one scalar matrix for three axes, factored once, when it is first needed.
 //!
 //! Every effect with a local projection contributes `sum w G^T G`, which acts on x, y and z alike (maths.md, "The spectrum of
 //! C"): a single factor of a third of the size then serves all three right-hand sides.
 
+pub(crate) use crate::assembly::ConstantMatrix;
 use crate::error::SolverError;
+use crate::forest::Forest;
 use crate::ordering::nested_dissection;
-use crate::panel::{PanelFactor, Row};
+use crate::symbolic::Symbolic;
 use crate::vector::NodalVector;
-use faer::dyn_stack::{MemBuffer, MemStack};
-use faer::perm::PermRef;
-use faer::sparse::linalg::SupernodalThreshold;
-use faer::sparse::linalg::cholesky::{
-    CholeskySymbolicParams, SymmetricOrdering, factorize_symbolic_cholesky,
-};
-use faer::sparse::{SparseColMatRef, SymbolicSparseColMatRef};
-use faer::{Par, Side};
 use nalgebra::Vector3;
-use sprs::{CsMat, TriMat};
+use serde::Serialize;
+use std::time::Instant;
 
-/// Collects the entries of the constant matrix over the free nodes; each symmetric pair is given once, as lower triangle.
-pub(crate) struct ConstantMatrix<'a> {
-    free_index: &'a [Option<u32>],
-    triplets: TriMat<f64>,
+/// Seconds that the parts of building the factor of the constant matrix took.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize)]
+pub struct FactorSeconds {
+    /// Finding an order of elimination.
+    pub ordering: f64,
+    /// Adding up the entries of the matrix.
+    pub assembly: f64,
+    /// Finding the pattern of the factor.
+    pub symbolic: f64,
+    /// Computing its values, and packing them for the solve.
+    pub numeric: f64,
 }
 
-impl<'a> ConstantMatrix<'a> {
-    /// An empty matrix; `free_index[node]` is the row of a free node.
-    pub(crate) fn new(free_index: &'a [Option<u32>], free: usize) -> Self {
-        Self {
-            free_index,
-            triplets: TriMat::new((free, free)),
-        }
-    }
-
-    /// Adds the symmetric block `stiffness * weights weights^T` of one linear form over some nodes.
-    pub(crate) fn add_outer(&mut self, nodes: &[u32], weights: &[f64], stiffness: f64) {
-        self.add_block(nodes, |a, b| stiffness * weights[a] * weights[b]);
-    }
-
-    /// Adds a symmetric block over some nodes; `entry(a, b)` is asked for local indices.
-    pub(crate) fn add_block(&mut self, nodes: &[u32], entry: impl Fn(usize, usize) -> f64) {
-        for (a, &node_a) in nodes.iter().enumerate() {
-            let Some(row) = self.free_index[node_a as usize] else {
-                continue;
-            };
-            for (b, &node_b) in nodes.iter().enumerate() {
-                if let Some(column) = self.free_index[node_b as usize]
-                    && row >= column
-                {
-                    let value = entry(a, b);
-                    self.triplets
-                        .add_triplet(row as usize, column as usize, value);
-                }
-            }
-        }
-    }
-
-    /// The lower triangle, compressed by columns.
-    fn compress(self) -> CsMat<f64> {
-        self.triplets.to_csc()
-    }
-}
-
-/// The factored constant matrix and the map between nodes and its rows.
+/// The constant matrix over the free nodes and, once it was asked for, its factor.
 pub(crate) struct ConstantSystem {
     free: Vec<u32>,
+    stiffest: f64,
+    factored: Option<Factored>,
+}
+
+struct Factored {
     /// The free nodes in the order of the factor.
     elimination: Vec<u32>,
-    factor: PanelFactor,
-    stiffest: f64,
+    forest: Forest,
     nonzeros: usize,
-    rows: Vec<Row>,
+    seconds: FactorSeconds,
 }
 
 impl ConstantSystem {
-    /// Orders, analyses and factors the matrix. `free[row]` is the node of a row, `positions` the rest positions of all nodes.
+    /// The system without its factor. `add` is asked for the entries of the matrix, of which only the diagonal is kept.
+    pub(crate) fn new(nodes: usize, prescribed: &[u32], add: impl Fn(&mut ConstantMatrix)) -> Self {
+        let mut is_free = vec![true; nodes];
+        for &node in prescribed {
+            is_free[node as usize] = false;
+        }
+        let free: Vec<u32> = (0..nodes as u32).filter(|&i| is_free[i as usize]).collect();
+        let mut diagonal = ConstantMatrix::diagonal_only(rows_of_nodes(nodes, &free));
+        add(&mut diagonal);
+        Self {
+            free,
+            stiffest: diagonal.largest_diagonal(),
+            factored: None,
+        }
+    }
+
+    /// Orders, assembles and factors the matrix, unless that was done. `positions` are the rest positions of all nodes,
+    /// `spacing` the edge length of their grid; `add` adds the same entries as at [`Self::new`].
+    ///
+    /// # Errors
+    /// When the matrix is not positive definite, or too large to be factored.
     pub(crate) fn factor(
-        matrix: ConstantMatrix,
-        free: Vec<u32>,
+        &mut self,
         positions: &[Vector3<f64>],
         spacing: f64,
-    ) -> Result<Self, SolverError> {
-        let n = free.len();
-        let lower = matrix.compress();
-        let points: Vec<_> = free.iter().map(|&i| positions[i as usize]).collect();
-        let forward = nested_dissection(&points, spacing);
-        let mut inverse = vec![0; n];
-        for (new, &old) in forward.iter().enumerate() {
-            inverse[old] = new;
+        add: impl Fn(&mut ConstantMatrix),
+    ) -> Result<(), SolverError> {
+        if self.factored.is_some() {
+            return Ok(());
         }
-        let failed = |reason: String| SolverError::Factorisation { size: n, reason };
-        let index_pointer = lower.indptr();
-        let pattern = SymbolicSparseColMatRef::new_checked(
-            n,
-            n,
-            index_pointer.raw_storage(),
-            None,
-            lower.indices(),
-        );
-        let symbolic = factorize_symbolic_cholesky(
-            pattern,
-            Side::Lower,
-            SymmetricOrdering::Custom(PermRef::new_checked(&forward, &inverse, n)),
-            CholeskySymbolicParams {
-                supernodal_flop_ratio_threshold: SupernodalThreshold::FORCE_SUPERNODAL,
-                ..Default::default()
+        let mut clock = Instant::now();
+        let mut lap = || {
+            std::mem::replace(&mut clock, Instant::now())
+                .elapsed()
+                .as_secs_f64()
+        };
+        let points: Vec<_> = (self.free.iter()).map(|&i| positions[i as usize]).collect();
+        let dissection = nested_dissection(&points, spacing);
+        let elimination: Vec<u32> = (dissection.order.iter()).map(|&i| self.free[i]).collect();
+        let ordering = lap();
+        let mut matrix = ConstantMatrix::new(rows_of_nodes(positions.len(), &elimination));
+        add(&mut matrix);
+        let lower = matrix.compress();
+        let assembly = lap();
+        let failed = |row: usize| SolverError::Factorisation {
+            size: self.free.len(),
+            reason: format!("no positive pivot at node {}", elimination[row]),
+        };
+        let symbolic = Symbolic::new(&lower, &dissection.ends);
+        let symbolic_seconds = lap();
+        let forest = Forest::factor(&lower, &symbolic).map_err(failed)?;
+        self.factored = Some(Factored {
+            elimination,
+            forest,
+            nonzeros: lower.rows.len(),
+            seconds: FactorSeconds {
+                ordering,
+                assembly,
+                symbolic: symbolic_seconds,
+                numeric: lap(),
             },
-        )
-        .map_err(|e| failed(e.to_string()))?;
-        let mut values = vec![0.0; symbolic.len_val()];
-        // One thread everywhere: results must not depend on how many there are, and faer's triangular solve is slower on two.
-        let mut scratch = MemBuffer::new(
-            symbolic.factorize_numeric_llt_scratch::<f64>(Par::Seq, Default::default()),
-        );
-        symbolic
-            .factorize_numeric_llt(
-                &mut values,
-                SparseColMatRef::new(pattern, lower.data()),
-                Side::Lower,
-                Default::default(),
-                Par::Seq,
-                MemStack::new(&mut scratch),
-                Default::default(),
-            )
-            .map_err(|e| failed(e.to_string()))?;
-        let factor = PanelFactor::new(&symbolic, &values)
-            .ok_or_else(|| failed("the factor is not supernodal".into()))?;
-        let permutation = symbolic.perm().expect("an order was given");
-        let order = permutation.arrays().0;
-        let diagonal = (0..n).filter_map(|i| lower.get(i, i).copied());
-        Ok(Self {
-            elimination: order.iter().map(|&i| free[i]).collect(),
-            stiffest: diagonal.fold(0.0, f64::max),
-            nonzeros: lower.nnz(),
-            rows: vec![[0.0; 4]; n],
-            free,
-            factor,
-        })
+        });
+        Ok(())
     }
 
     /// `out = K^-1 r` on the free nodes, zero on the prescribed ones.
+    ///
+    /// # Panics
+    /// Where the matrix was not factored before.
     pub(crate) fn solve(&mut self, r: &[Vector3<f64>], out: &mut NodalVector) {
-        for (row, &node) in self.rows.iter_mut().zip(&self.elimination) {
-            let r = &r[node as usize];
-            *row = [r.x, r.y, r.z, 0.0];
-        }
-        self.factor.solve(&mut self.rows);
+        let Factored {
+            elimination,
+            forest,
+            ..
+        } = self.factored.as_mut().expect("factored before");
         out.fill(Vector3::zeros());
-        for (row, &node) in self.rows.iter().zip(&self.elimination) {
-            out[node as usize] = Vector3::new(row[0], row[1], row[2]);
-        }
+        forest.solve(&|row| r[elimination[row] as usize].into(), |row, value| {
+            out[elimination[row] as usize] = value.into()
+        });
     }
 
-    /// Nodes that are free, in the order of the rows.
+    /// Nodes that are free, by rising index.
     pub(crate) fn free(&self) -> &[u32] {
         &self.free
-    }
-
-    /// Stored entries of the lower triangle of the matrix.
-    pub(crate) fn nonzeros(&self) -> usize {
-        self.nonzeros
-    }
-
-    /// Stored entries of the factor.
-    pub(crate) fn factor_entries(&self) -> usize {
-        self.factor.entries()
     }
 
     /// Largest diagonal entry: force per length of the stiffest node.
     pub(crate) fn stiffness_scale(&self) -> f64 {
         self.stiffest
     }
+
+    /// Stored entries of the lower triangle of the matrix; zero before it is factored.
+    pub(crate) fn nonzeros(&self) -> usize {
+        self.factored.as_ref().map_or(0, |f| f.nonzeros)
+    }
+
+    /// Stored entries of the factor; zero before there is one.
+    pub(crate) fn factor_entries(&self) -> usize {
+        self.factored.as_ref().map_or(0, |f| f.forest.entries())
+    }
+
+    /// What building the factor took; `None` before there is one.
+    pub(crate) fn factor_seconds(&self) -> Option<FactorSeconds> {
+        self.factored.as_ref().map(|f| f.seconds)
+    }
+}
+
+/// The row of each node when `nodes_of_rows` are the rows.
+fn rows_of_nodes(nodes: usize, nodes_of_rows: &[u32]) -> Vec<Option<u32>> {
+    let mut rows = vec![None; nodes];
+    for (row, &node) in nodes_of_rows.iter().enumerate() {
+        rows[node as usize] = Some(row as u32);
+    }
+    rows
 }

@@ -23,19 +23,24 @@
 //! ```
 
 mod adjoint;
+mod assembly;
 mod constant;
 mod effects;
 mod error;
+mod forest;
 mod krylov;
 mod methods;
+mod multifrontal;
 mod ordering;
 mod panel;
 mod problem;
 mod solution;
 mod solver;
 mod spec;
+mod symbolic;
 mod vector;
 
+pub use constant::FactorSeconds;
 pub use effects::deformation_gradients;
 pub use error::SolverError;
 pub use solution::{

@@ -30,22 +30,10 @@ impl Problem {
             anchored,
         } = build(mesh, specs)?;
         require_held(mesh, prescribed.iter().chain(&anchored))?;
-        let count = mesh.nodes().len();
-        let mut free_index: Vec<Option<u32>> = vec![Some(0); count];
-        for &node in &prescribed {
-            free_index[node as usize] = None;
-        }
-        let mut free = Vec::with_capacity(count - prescribed.len());
-        for (node, slot) in free_index.iter_mut().enumerate() {
-            if let Some(row) = slot {
-                *row = free.len() as u32;
-                free.push(node as u32);
-            }
-        }
-        let mut matrix = ConstantMatrix::new(&free_index, free.len());
-        effects.iter().for_each(|e| e.add_constant(&mut matrix));
+        let add = |matrix: &mut ConstantMatrix| effects.iter().for_each(|e| e.add_constant(matrix));
         let size = mesh.element_size();
-        let system = ConstantSystem::factor(matrix, free, mesh.nodes(), size)?;
+        let mut system = ConstantSystem::new(mesh.nodes().len(), &prescribed, add);
+        system.factor(mesh.nodes(), size, add)?;
         let work = Work {
             factorisations: 1,
             matrix_nonzeros: system.nonzeros(),

@@ -24,6 +24,8 @@ pub enum Status {
 pub enum Method {
     /// Local/global iteration: monotone without a line search, slow at the end. The reference.
     LocalGlobal,
+    /// Anderson acceleration of local/global: monotone without a line search, too, and much faster at the end.
+    Anderson,
     /// L-BFGS whose initial Hessian is the constant matrix; Newton takes over where it stalls.
     #[default]
     Lbfgs,
@@ -71,7 +73,7 @@ impl SolveOptions {
 /// Counts of the work done, which do not depend on the machine.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize)]
 pub struct Work {
-    /// Factorisations of the constant matrix since the solver was built: one.
+    /// Factorisations of the constant matrix since the solver was built.
     pub factorisations: u64,
     /// Stored entries of the constant matrix (lower triangle).
     pub matrix_nonzeros: usize,

@@ -1,6 +1,7 @@
 //! The solver that callers hold: built once for a body and its effects, used for many solves.
 
 use crate::adjoint::adjoint;
+use crate::constant::FactorSeconds;
 use crate::error::SolverError;
 use crate::methods::{self, Target};
 use crate::problem::Problem;
@@ -60,6 +61,26 @@ impl Solver {
     /// Seconds that building took.
     pub fn setup_seconds(&self) -> f64 {
         self.setup_seconds
+    }
+
+    /// Seconds that the parts of building the factor of the constant matrix took; `None` before it was needed.
+    pub fn factor_seconds(&self) -> Option<FactorSeconds> {
+        self.problem.system.factor_seconds()
+    }
+
+    /// One solve with the constant matrix: `out = K^-1 r` on the free nodes, zero on the prescribed ones.
+    ///
+    /// # Errors
+    /// When the arrays do not fit or `r` is not finite.
+    pub fn constant_solve(
+        &mut self,
+        r: &[Vector3<f64>],
+        out: &mut NodalVector,
+    ) -> Result<(), SolverError> {
+        check_positions("right-hand side", r, self.problem.len())?;
+        check_positions("out", out, self.problem.len())?;
+        self.problem.constant_solve(r, out);
+        Ok(())
     }
 
     /// Work done since the solver was built.
@@ -209,6 +230,7 @@ fn run(
 ) -> methods::Outcome {
     match method {
         Method::LocalGlobal => methods::local_global(problem, u, target, options.max_iterations),
+        Method::Anderson => methods::anderson(problem, u, target, options.max_iterations),
         Method::Lbfgs => methods::lbfgs(problem, u, target, options.max_iterations),
         Method::Newton => methods::newton(problem, u, target, options.max_iterations),
     }

@@ -9,7 +9,12 @@ use pd_solver::{
     EffectSpec, Method, NodeSet, SolveOptions, Solver, SolverError, SpringPoints, Status, Stop,
 };
 
-const METHODS: [Method; 3] = [Method::LocalGlobal, Method::Lbfgs, Method::Newton];
+const METHODS: [Method; 4] = [
+    Method::LocalGlobal,
+    Method::Anderson,
+    Method::Lbfgs,
+    Method::Newton,
+];
 
 /// A body that is held at one node only can take the shape its actuation asks for, exactly.
 #[test]
@@ -94,13 +99,42 @@ fn methods_agree_and_none_ends_above_local_global() {
         solver.solve(&parameters, None, &options).unwrap()
     };
     let reference = solve(&mut solver, Method::LocalGlobal);
-    for method in [Method::Lbfgs, Method::Newton] {
+    for method in [Method::Anderson, Method::Lbfgs, Method::Newton] {
         let other = solve(&mut solver, method);
         assert_eq!(other.status, Status::Converged, "{method:?}");
         let distance = max_distance(&reference.positions, &other.positions);
         assert!(distance < 1e-9, "{method:?}: {distance:e}");
         assert!(other.stats.iterations < reference.stats.iterations / 3);
     }
+}
+
+/// The energy guard of Anderson acceleration: stopped after any number of steps, the energy is never above that of one step
+/// less, although some accelerated points are (each costs one more evaluation).
+#[test]
+fn accelerated_energies_never_rise() {
+    let (_, mut solver) = clamped_box(Quadrature::Eight);
+    let mut parameters = solver.rest_parameters();
+    parameters.actuation = Numbers::new(7).actuation(parameters.actuation.len(), 1.5);
+    let mut last = f64::INFINITY;
+    let mut dropped = 0;
+    for steps in 1..40 {
+        let options = SolveOptions {
+            max_iterations: steps,
+            ..SolveOptions::new(Stop::RelativeGradient(1e-12)).with_method(Method::Anderson)
+        };
+        let before = solver.work().evaluations;
+        let solution = solver.solve(&parameters, None, &options).unwrap();
+        assert_eq!(solution.stats.iterations, steps);
+        // One evaluation is that at rest, one that of the start.
+        dropped = solution.stats.work.evaluations - before - 2 - steps as u64;
+        let energy = solution.stats.energy;
+        assert!(
+            energy <= last * (1.0 + 1e-13),
+            "step {steps}: {energy} after {last}"
+        );
+        last = energy;
+    }
+    assert!(dropped > 0, "the guard was never needed");
 }
 
 /// Asked for a length, every method delivers it, from loose to tight.

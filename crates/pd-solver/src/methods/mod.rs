@@ -1,11 +1,13 @@
 //! The methods, one per file, behind one signature.
 
+mod anderson;
 mod descent;
 mod lbfgs;
 mod local_global;
 mod newton;
 
 use crate::solution::Status;
+pub(crate) use anderson::anderson;
 pub(crate) use lbfgs::lbfgs;
 pub(crate) use local_global::local_global;
 pub(crate) use newton::newton;
