@@ -245,7 +245,7 @@ fn an_actuated_block() {
     assert_snapshot!(text, @r"
     energy 0.001014369
     LocalGlobal to 1e-3: 197 iterations, 199 evaluations, 197 constant solves, 0 linearisations, 0 Hessian products
-    Lbfgs to 1e-4: 37 iterations, 39 evaluations, 37 constant solves, 0 linearisations, 0 Hessian products
+    Lbfgs to 1e-4: 38 iterations, 40 evaluations, 38 constant solves, 0 linearisations, 0 Hessian products
     Newton to 1e-6: 8 iterations, 11 evaluations, 48 constant solves, 8 linearisations, 48 Hessian products
     adjoint to 1e-6: 31 iterations, 1 evaluations, 31 constant solves, 1 linearisations, 32 Hessian products
     ");
@@ -294,10 +294,10 @@ fn effects_that_are_not_listed_cost_nothing() {
         .expect("a string");
     }
     assert_snapshot!(text, @r"
-    elasticity: 1 factorisation, 1959 non-zeros, 9364 factor entries, 0 more bytes, 0 targets, 0 accelerations, 12 evaluations, 12288 projections, 10 constant solves
-    and gravity: 1 factorisation, 1959 non-zeros, 9364 factor entries, 1800 more bytes, 0 targets, 1 accelerations, 12 evaluations, 12288 projections, 10 constant solves
-    and springs: 1 factorisation, 1959 non-zeros, 9364 factor entries, 2300 more bytes, 25 targets, 0 accelerations, 12 evaluations, 12288 projections, 10 constant solves
-    and both: 1 factorisation, 1959 non-zeros, 9364 factor entries, 4100 more bytes, 25 targets, 1 accelerations, 12 evaluations, 12288 projections, 10 constant solves
+    elasticity: 1 factorisation, 1959 non-zeros, 9293 factor entries, 0 more bytes, 0 targets, 0 accelerations, 12 evaluations, 12288 projections, 10 constant solves
+    and gravity: 1 factorisation, 1959 non-zeros, 9293 factor entries, 1800 more bytes, 0 targets, 1 accelerations, 12 evaluations, 12288 projections, 10 constant solves
+    and springs: 1 factorisation, 1959 non-zeros, 9293 factor entries, 2300 more bytes, 25 targets, 0 accelerations, 12 evaluations, 12288 projections, 10 constant solves
+    and both: 1 factorisation, 1959 non-zeros, 9293 factor entries, 4100 more bytes, 25 targets, 1 accelerations, 12 evaluations, 12288 projections, 10 constant solves
     ");
 }
 
@@ -344,11 +344,11 @@ fn shapes_of_the_starfish() {
     let mut puller = Solver::new(&body.mesh, &pulled_effects).expect("a valid problem");
     let mut solver = Solver::new(&body.mesh, &scene.effects).expect("a valid problem");
     let mut text = format!(
-        "{} elements, {} nodes, {} of them prescribed, {} non-zeros\n",
+        "{} elements, {} nodes, {} of them prescribed, elements of all levels {:?}\n",
         body.mesh.elements().len(),
         body.mesh.nodes().len(),
         solver.prescribed().len(),
-        solver.work().matrix_nonzeros,
+        solver.levels(),
     );
     for (i, target) in inputs.targets.iter().enumerate() {
         let name = &target.name;
@@ -368,7 +368,7 @@ fn shapes_of_the_starfish() {
             *b = polar_grad::symmetric_entries(&(stretch - Matrix3::identity()));
         }
         let at = equilibrium(&mut solver, &stretched);
-        let work = forward_work(&mut solver, &stretched, Method::Lbfgs, 1e-3);
+        let work = forward_work(&mut solver, &stretched, Method::Lbfgs, 7e-4);
         writeln!(
             text,
             "{name}, actuated: passive energy {energy:.5e}; {work}"
@@ -385,15 +385,15 @@ fn shapes_of_the_starfish() {
         );
     }
     assert_snapshot!(text, @r"
-    198 elements, 456 nodes, 49 of them prescribed, 3201 non-zeros
+    198 elements, 456 nodes, 49 of them prescribed, elements of all levels [198]
     curl, pulled: energy 1.10928e-4; 5 iterations, 7 evaluations, 5 constant solves, 0 linearisations, 0 Hessian products
-    curl, actuated: passive energy 3.93612e-5; 51 iterations, 54 evaluations, 51 constant solves, 0 linearisations, 0 Hessian products
+    curl, actuated: passive energy 3.93612e-5; 52 iterations, 54 evaluations, 52 constant solves, 0 linearisations, 0 Hessian products
     curl, adjoint: 53 iterations, 1 evaluations, 53 constant solves, 1 linearisations, 54 Hessian products
     twist, pulled: energy 1.00613e-4; 6 iterations, 8 evaluations, 6 constant solves, 0 linearisations, 0 Hessian products
-    twist, actuated: passive energy 6.51551e-5; 53 iterations, 55 evaluations, 53 constant solves, 0 linearisations, 0 Hessian products
+    twist, actuated: passive energy 6.51551e-5; 59 iterations, 61 evaluations, 59 constant solves, 0 linearisations, 0 Hessian products
     twist, adjoint: 54 iterations, 1 evaluations, 54 constant solves, 1 linearisations, 55 Hessian products
     bloom, pulled: energy 1.69683e-4; 5 iterations, 7 evaluations, 5 constant solves, 0 linearisations, 0 Hessian products
-    bloom, actuated: passive energy 1.32026e-4; 52 iterations, 54 evaluations, 52 constant solves, 0 linearisations, 0 Hessian products
+    bloom, actuated: passive energy 1.32026e-4; 58 iterations, 60 evaluations, 58 constant solves, 0 linearisations, 0 Hessian products
     bloom, adjoint: 53 iterations, 1 evaluations, 53 constant solves, 1 linearisations, 54 Hessian products
     ");
 }

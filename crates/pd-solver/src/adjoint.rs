@@ -1,114 +1,163 @@
 //! The exact implicit adjoint (maths.md "Implicit adjoint"): one linear solve with the true Hessian.
 
-use crate::error::SolverError;
-use crate::krylov::{LinearStatus, conjugate_gradients, minres};
+use crate::krylov::{LinearStatus, System, conjugate_gradients, minres};
+use crate::methods::{Preconditioner, Workspace};
 use crate::problem::Problem;
 use crate::solution::{Adjoint, AdjointOptions, AdjointStats, AdjointStatus, Solution, Status};
-use crate::spec::{Parameters, check_array};
-use crate::vector::{norm, zeros};
+use crate::spec::Parameters;
+use crate::vector::norm;
 use nalgebra::Vector3;
+use rayon::prelude::*;
 use std::time::Instant;
 
 /// How much the residual at the given positions may exceed the one the forward solve reported: roundoff, not another state.
 const RESIDUAL_SLACK: f64 = 1.01;
 
+/// Whether the forward solve converged and its positions still are where it left them.
+pub(crate) fn is_equilibrium(
+    problem: &mut Problem,
+    space: &mut Workspace,
+    solution: &Solution,
+) -> bool {
+    if solution.status != Status::Converged {
+        return false;
+    }
+    space.reserve(problem.len());
+    problem.evaluate(&solution.positions, &mut space.gradient);
+    let allowed = RESIDUAL_SLACK * solution.stats.gradient_norm + problem.gradient_floor();
+    norm(&space.gradient) <= allowed
+}
+
+/// Sets `out` to a refusal.
+pub(crate) fn refuse(out: &mut Adjoint, status: AdjointStatus, start: Instant) {
+    out.gradient = None;
+    out.status = status;
+    out.stats = AdjointStats {
+        iterations: 0,
+        negative_curvature: false,
+        relative_residual: f64::NAN,
+        smallest_pair_sum: None,
+        seconds: start.elapsed().as_secs_f64(),
+    };
+}
+
+/// The gradient for one cotangent, at a state where the problem is linearised; the memory of `out` is used again.
 pub(crate) fn adjoint(
     problem: &mut Problem,
-    parameters: &Parameters,
-    solution: &Solution,
+    pre: &mut dyn Preconditioner,
+    space: &mut Workspace,
+    u: &[Vector3<f64>],
     cotangent: &[Vector3<f64>],
     options: &AdjointOptions,
-) -> Result<Adjoint, SolverError> {
+    out: &mut Adjoint,
+) {
     let start = Instant::now();
-    parameters.check(&problem.rest_parameters)?;
-    let n = problem.len();
-    check_array("positions", &solution.positions, n, |_| true)?;
-    check_array("cotangent", cotangent, n, |_| true)?;
-    problem.set_parameters(parameters);
-    let refused = |status| Adjoint {
-        gradient: None,
-        status,
-        stats: AdjointStats {
-            iterations: 0,
-            negative_curvature: false,
-            relative_residual: f64::NAN,
-            smallest_pair_sum: None,
-            seconds: start.elapsed().as_secs_f64(),
-        },
-    };
     if !cotangent.iter().all(|v| v.iter().all(|x| x.is_finite())) {
-        return Ok(refused(AdjointStatus::NotFinite));
+        return refuse(out, AdjointStatus::NotFinite, start);
     }
-    let u = &solution.positions;
-    if !options.allow_unconverged && !is_equilibrium(problem, solution) {
-        return Ok(refused(AdjointStatus::ForwardNotConverged));
-    }
-    problem.linearise(u);
+    let n = problem.len();
     let smallest_pair_sum = problem.work.smallest_pair_sum;
+    space.reserve(n);
+    space.krylov.reserve(n);
 
     // Scaled to unit size, so that cotangents near the limits of the number format neither overflow nor vanish.
-    let mut b = cotangent.to_vec();
-    problem.clear_prescribed(&mut b);
-    let scale = norm(&b);
+    let b = &mut space.scratch;
+    b.copy_from_slice(cotangent);
+    problem.clear_prescribed(b);
+    let scale = norm(b);
     if scale > 0.0 {
         b.iter_mut().for_each(|b| *b /= scale);
     }
+    let warm = options.warm_start && out.multiplier.len() == n && scale > 0.0;
+    if warm {
+        let x = space.krylov.x.iter_mut().zip(&out.multiplier);
+        x.for_each(|(x, z)| *x = z / scale);
+        problem.clear_prescribed(&mut space.krylov.x);
+    }
     let (tolerance, limit) = (options.tolerance, options.max_iterations);
-    let mut linear = conjugate_gradients(problem, &b, tolerance, limit);
+    let mut system = System { problem, pre };
+    let mut linear = conjugate_gradients(
+        &mut system,
+        &space.scratch,
+        &mut space.krylov,
+        warm,
+        tolerance,
+        limit,
+    );
     let mut iterations = linear.iterations;
     let negative_curvature = linear.status == LinearStatus::NegativeCurvature;
     if linear.status != LinearStatus::Converged {
-        linear = minres(problem, &b, tolerance, limit);
+        linear = minres(
+            &mut system,
+            &space.scratch,
+            &mut space.krylov.x,
+            tolerance,
+            limit,
+        );
         iterations += linear.iterations;
     }
-    let status = match linear.status {
+    out.status = match linear.status {
         LinearStatus::Converged if negative_curvature => AdjointStatus::ConvergedIndefinite,
         LinearStatus::Converged => AdjointStatus::Converged,
         LinearStatus::Breakdown => AdjointStatus::NotFinite,
         _ => AdjointStatus::IterationLimit,
     };
-    let stats = AdjointStats {
+    out.stats = AdjointStats {
         iterations,
         negative_curvature,
         relative_residual: linear.relative_residual,
         smallest_pair_sum,
-        seconds: start.elapsed().as_secs_f64(),
+        seconds: 0.0,
     };
-    if status == AdjointStatus::NotFinite {
-        let gradient = None;
-        return Ok(Adjoint {
-            gradient,
-            status,
-            stats,
-        });
+    if out.status == AdjointStatus::NotFinite {
+        out.gradient = None;
+    } else {
+        let z = &mut out.multiplier;
+        z.resize(n, Vector3::zeros());
+        let solved = z.iter_mut().zip(&space.krylov.x);
+        solved.for_each(|(z, x)| *z = x * scale);
+        gradient(problem, space, u, cotangent, out);
     }
-    let mut z = linear.x;
-    z.iter_mut().for_each(|z| *z *= scale);
-    let mut gradient = parameters.zeros_like();
-    problem.parameter_vjp(u, &z, &mut gradient);
-    let mut reaction = zeros(n);
-    problem.full_hessian_product(&z, &mut reaction);
-    for (out, &node) in gradient.prescribed.iter_mut().zip(&problem.prescribed) {
-        *out = cotangent[node as usize] - reaction[node as usize];
-    }
-    let stats = AdjointStats {
-        seconds: start.elapsed().as_secs_f64(),
-        ..stats
-    };
-    Ok(Adjoint {
-        gradient: Some(gradient),
-        status,
-        stats,
-    })
+    out.stats.seconds = start.elapsed().as_secs_f64();
 }
 
-/// Whether the forward solve converged and its positions still are where it left them.
-fn is_equilibrium(problem: &mut Problem, solution: &Solution) -> bool {
-    if solution.status != Status::Converged {
-        return false;
+/// dL/d parameters from the multiplier.
+fn gradient(
+    problem: &mut Problem,
+    space: &mut Workspace,
+    u: &[Vector3<f64>],
+    cotangent: &[Vector3<f64>],
+    out: &mut Adjoint,
+) {
+    let like = &problem.rest_parameters;
+    let gradient = match &mut out.gradient {
+        Some(gradient) => {
+            gradient.clear_like(like);
+            gradient
+        }
+        none => none.insert(like.zeros_like()),
+    };
+    problem.parameter_vjp(u, &out.multiplier, gradient);
+    problem.full_hessian_product(&out.multiplier, &mut space.scratch);
+    for (out, &node) in gradient.prescribed.iter_mut().zip(&problem.prescribed) {
+        *out = cotangent[node as usize] - space.scratch[node as usize];
     }
-    let mut gradient = zeros(problem.len());
-    problem.evaluate(&solution.positions, &mut gradient);
-    let allowed = RESIDUAL_SLACK * solution.stats.gradient_norm + problem.gradient_floor();
-    norm(&gradient) <= allowed
+}
+
+impl Parameters {
+    /// Makes this all zeros in the shape of `like`, using its memory again.
+    fn clear_like(&mut self, like: &Parameters) {
+        self.actuation.resize(like.actuation.len(), [0.0; 6]);
+        self.actuation
+            .par_chunks_mut(4096)
+            .for_each(|part| part.fill([0.0; 6]));
+        for (own, like) in [
+            (&mut self.prescribed, &like.prescribed),
+            (&mut self.spring_targets, &like.spring_targets),
+            (&mut self.acceleration, &like.acceleration),
+        ] {
+            own.clear();
+            own.resize(like.len(), Vector3::zeros());
+        }
+    }
 }

@@ -9,8 +9,8 @@ use rayon::prelude::*;
 pub(crate) struct ConstantMatrix {
     row_of_node: Vec<Option<u32>>,
     diagonal: Vec<f64>,
-    /// Entries below the diagonal, unsorted; `None` when only the diagonal is wanted.
-    columns: Option<Vec<Vec<(u32, f64)>>>,
+    /// Entries below the diagonal, unsorted.
+    columns: Vec<Vec<(u32, f64)>>,
 }
 
 /// The lower triangle, compressed by columns; rows rise within a column, the diagonal first.
@@ -25,17 +25,9 @@ impl ConstantMatrix {
     pub(crate) fn new(row_of_node: Vec<Option<u32>>) -> Self {
         let free = row_of_node.iter().flatten().count();
         Self {
-            columns: Some(vec![Vec::new(); free]),
-            ..Self::diagonal_only(row_of_node)
-        }
-    }
-
-    /// The same, but all entries outside the diagonal are dropped.
-    pub(crate) fn diagonal_only(row_of_node: Vec<Option<u32>>) -> Self {
-        Self {
-            diagonal: vec![0.0; row_of_node.iter().flatten().count()],
             row_of_node,
-            columns: None,
+            diagonal: vec![0.0; free],
+            columns: vec![Vec::new(); free],
         }
     }
 
@@ -51,15 +43,12 @@ impl ConstantMatrix {
                 continue;
             };
             self.diagonal[row_a as usize] += entry(a, a);
-            let Some(columns) = &mut self.columns else {
-                continue;
-            };
             for (b, &node_b) in nodes.iter().enumerate().skip(a + 1) {
                 let Some(row_b) = self.row_of_node[node_b as usize] else {
                     continue;
                 };
                 let (row, column) = (row_a.max(row_b), row_a.min(row_b));
-                let column = &mut columns[column as usize];
+                let column = &mut self.columns[column as usize];
                 match column.iter_mut().find(|(r, _)| *r == row) {
                     Some((_, value)) => *value += entry(a, b),
                     None => column.push((row, entry(a, b))),
@@ -68,15 +57,9 @@ impl ConstantMatrix {
         }
     }
 
-    /// Largest diagonal entry; zero without free nodes.
-    pub(crate) fn largest_diagonal(&self) -> f64 {
-        self.diagonal.iter().copied().fold(0.0, f64::max)
-    }
-
     /// The lower triangle of what was added.
     pub(crate) fn compress(self) -> LowerTriangle {
-        let mut columns = self.columns.unwrap_or_default();
-        columns.resize(self.diagonal.len(), Vec::new());
+        let mut columns = self.columns;
         columns
             .par_iter_mut()
             .with_min_len(1024)
@@ -128,10 +111,8 @@ mod tests {
         ];
         let mut dense = [[0.0; 4]; 4];
         let mut matrix = ConstantMatrix::new(row_of_node.clone());
-        let mut diagonal = ConstantMatrix::diagonal_only(row_of_node.clone());
         for (nodes, weights) in blocks {
             matrix.add_outer(nodes, weights, 3.0);
-            diagonal.add_outer(nodes, weights, 3.0);
             for (a, wa) in nodes.iter().zip(weights) {
                 for (b, wb) in nodes.iter().zip(weights) {
                     if let (Some(i), Some(j)) = (row_of_node[*a as usize], row_of_node[*b as usize])
@@ -141,9 +122,6 @@ mod tests {
                 }
             }
         }
-        let largest = (0..4).map(|i| dense[i][i]).fold(0.0, f64::max);
-        assert_eq!(matrix.largest_diagonal(), largest);
-        assert_eq!(diagonal.largest_diagonal(), largest);
         let lower = matrix.compress();
         let mut found = 0;
         for (j, expected) in dense.iter().enumerate() {

@@ -26,126 +26,92 @@ pub struct FactorSeconds {
     pub numeric: f64,
 }
 
-/// The constant matrix over the free nodes and, once it was asked for, its factor.
+/// The factored constant matrix over the free nodes.
 pub(crate) struct ConstantSystem {
-    free: Vec<u32>,
-    stiffest: f64,
-    factored: Option<Factored>,
-}
-
-struct Factored {
     /// The free nodes in the order of the factor.
     elimination: Vec<u32>,
     forest: Forest,
     nonzeros: usize,
+    solves: u64,
     seconds: FactorSeconds,
 }
 
 impl ConstantSystem {
-    /// The system without its factor. `add` is asked for the entries of the matrix, of which only the diagonal is kept.
-    pub(crate) fn new(nodes: usize, prescribed: &[u32], add: impl Fn(&mut ConstantMatrix)) -> Self {
-        let mut is_free = vec![true; nodes];
-        for &node in prescribed {
-            is_free[node as usize] = false;
-        }
-        let free: Vec<u32> = (0..nodes as u32).filter(|&i| is_free[i as usize]).collect();
-        let mut diagonal = ConstantMatrix::diagonal_only(rows_of_nodes(nodes, &free));
-        add(&mut diagonal);
-        Self {
-            free,
-            stiffest: diagonal.largest_diagonal(),
-            factored: None,
-        }
-    }
-
-    /// Orders, assembles and factors the matrix, unless that was done. `positions` are the rest positions of all nodes,
-    /// `spacing` the edge length of their grid; `add` adds the same entries as at [`Self::new`].
+    /// Orders, assembles and factors the matrix over the `free` nodes. `positions` are the rest positions of all nodes, `spacing`
+    /// the edge length of their grid; `add` adds the entries.
     ///
     /// # Errors
     /// When the matrix is not positive definite, or too large to be factored.
     pub(crate) fn factor(
-        &mut self,
+        free: &[u32],
         positions: &[Vector3<f64>],
         spacing: f64,
         add: impl Fn(&mut ConstantMatrix),
-    ) -> Result<(), SolverError> {
-        if self.factored.is_some() {
-            return Ok(());
-        }
+    ) -> Result<Self, SolverError> {
         let mut clock = Instant::now();
         let mut lap = || {
             std::mem::replace(&mut clock, Instant::now())
                 .elapsed()
                 .as_secs_f64()
         };
-        let points: Vec<_> = (self.free.iter()).map(|&i| positions[i as usize]).collect();
+        let points: Vec<_> = (free.iter()).map(|&i| positions[i as usize]).collect();
         let dissection = nested_dissection(&points, spacing);
-        let elimination: Vec<u32> = (dissection.order.iter()).map(|&i| self.free[i]).collect();
+        let elimination: Vec<u32> = (dissection.order.iter()).map(|&i| free[i]).collect();
         let ordering = lap();
         let mut matrix = ConstantMatrix::new(rows_of_nodes(positions.len(), &elimination));
         add(&mut matrix);
         let lower = matrix.compress();
         let assembly = lap();
         let failed = |row: usize| SolverError::Factorisation {
-            size: self.free.len(),
+            size: free.len(),
             reason: format!("no positive pivot at node {}", elimination[row]),
         };
         let symbolic = Symbolic::new(&lower, &dissection.ends);
         let symbolic_seconds = lap();
         let forest = Forest::factor(&lower, &symbolic).map_err(failed)?;
-        self.factored = Some(Factored {
+        Ok(Self {
             elimination,
             forest,
             nonzeros: lower.rows.len(),
+            solves: 0,
             seconds: FactorSeconds {
                 ordering,
                 assembly,
                 symbolic: symbolic_seconds,
                 numeric: lap(),
             },
-        });
-        Ok(())
+        })
     }
 
     /// `out = K^-1 r` on the free nodes, zero on the prescribed ones.
-    ///
-    /// # Panics
-    /// Where the matrix was not factored before.
     pub(crate) fn solve(&mut self, r: &[Vector3<f64>], out: &mut NodalVector) {
-        let Factored {
-            elimination,
-            forest,
-            ..
-        } = self.factored.as_mut().expect("factored before");
+        self.solves += 1;
         out.fill(Vector3::zeros());
-        forest.solve(&|row| r[elimination[row] as usize].into(), |row, value| {
-            out[elimination[row] as usize] = value.into()
-        });
+        let elimination = &self.elimination;
+        self.forest
+            .solve(&|row| r[elimination[row] as usize].into(), |row, value| {
+                out[elimination[row] as usize] = value.into()
+            });
     }
 
-    /// Nodes that are free, by rising index.
-    pub(crate) fn free(&self) -> &[u32] {
-        &self.free
+    /// Solves done so far.
+    pub(crate) fn solves(&self) -> u64 {
+        self.solves
     }
 
-    /// Largest diagonal entry: force per length of the stiffest node.
-    pub(crate) fn stiffness_scale(&self) -> f64 {
-        self.stiffest
-    }
-
-    /// Stored entries of the lower triangle of the matrix; zero before it is factored.
+    /// Stored entries of the lower triangle of the matrix.
     pub(crate) fn nonzeros(&self) -> usize {
-        self.factored.as_ref().map_or(0, |f| f.nonzeros)
+        self.nonzeros
     }
 
-    /// Stored entries of the factor; zero before there is one.
+    /// Stored entries of the factor.
     pub(crate) fn factor_entries(&self) -> usize {
-        self.factored.as_ref().map_or(0, |f| f.forest.entries())
+        self.forest.entries()
     }
 
-    /// What building the factor took; `None` before there is one.
-    pub(crate) fn factor_seconds(&self) -> Option<FactorSeconds> {
-        self.factored.as_ref().map(|f| f.seconds)
+    /// What building the factor took.
+    pub(crate) fn seconds(&self) -> FactorSeconds {
+        self.seconds
     }
 }
 

@@ -240,7 +240,9 @@ impl<'a> Builder<'a> {
         roots: &[usize],
         parent: Option<&SymbolicNode>,
     ) -> Result<Vec<(Task, Update<'a>)>, usize> {
-        roots.par_iter().map(|&s| self.task(s, parent)).collect()
+        // Of several errors the first in order is told, whichever came first in time.
+        let tasks: Vec<_> = roots.par_iter().map(|&s| self.task(s, parent)).collect();
+        tasks.into_iter().collect()
     }
 
     fn task(

@@ -1,6 +1,8 @@
 //! Krylov methods on nodal vectors: conjugate gradients that notice negative curvature, and MINRES for indefinite systems.
 
-use crate::vector::{NodalVector, axpy, dot, norm, scale_add, zeros};
+use crate::methods::{KrylovSpace, Preconditioner};
+use crate::problem::Problem;
+use crate::vector::{NodalVector, axpy, axpy_norm, difference, dot, norm, scale_add, zeros};
 use nalgebra::Vector3;
 
 /// How an iterative linear solve ended.
@@ -16,9 +18,8 @@ pub(crate) enum LinearStatus {
     Breakdown,
 }
 
-/// Result of an iterative linear solve.
+/// Result of an iterative linear solve; the solution is in the space it was given.
 pub(crate) struct LinearSolution {
-    pub(crate) x: NodalVector,
     pub(crate) status: LinearStatus,
     pub(crate) iterations: usize,
     /// |b - H x| / |b|, as the recurrence has it.
@@ -33,53 +34,84 @@ pub(crate) trait LinearOperator {
     fn precondition(&mut self, r: &[Vector3<f64>], out: &mut NodalVector);
 }
 
-/// Preconditioned conjugate gradients from zero for `H x = b`.
+/// The Hessian of a problem at its last linearisation, and a preconditioner.
+pub(crate) struct System<'a> {
+    pub(crate) problem: &'a mut Problem,
+    pub(crate) pre: &'a mut dyn Preconditioner,
+}
+
+impl LinearOperator for System<'_> {
+    fn apply(&mut self, x: &[Vector3<f64>], out: &mut NodalVector) {
+        self.problem.full_hessian_product(x, out);
+        self.problem.clear_prescribed(out);
+    }
+
+    fn precondition(&mut self, r: &[Vector3<f64>], out: &mut NodalVector) {
+        self.pre.apply(r, out);
+    }
+}
+
+/// Preconditioned conjugate gradients for `H x = b`, from zero or, if `warm`, from the `x` in the space.
 ///
-/// Stops at the first direction `d` with `d . H d <= 0` and returns what it has by then (the first search direction when it
+/// Stops at the first direction `d` with `d . H d <= 0` and leaves what it has by then (the first search direction when it
 /// happens at once), which is a descent direction for the quadratic model either way (Steihaug 1983).
 pub(crate) fn conjugate_gradients(
     operator: &mut impl LinearOperator,
     b: &[Vector3<f64>],
+    space: &mut KrylovSpace,
+    warm: bool,
     tolerance: f64,
     max_iterations: usize,
 ) -> LinearSolution {
-    let n = b.len();
     let b_norm = norm(b);
-    let mut x = zeros(n);
+    let KrylovSpace { x, r, z, d, q } = space;
     if b_norm == 0.0 {
-        return finished(x, LinearStatus::Converged, 0, 0.0);
+        x.fill(Vector3::zeros());
+        return finished(LinearStatus::Converged, 0, 0.0);
     }
-    let mut r = b.to_vec();
-    let (mut z, mut q) = (zeros(n), zeros(n));
-    operator.precondition(&r, &mut z);
-    let mut d = z.clone();
-    let mut rz = dot(&r, &z);
     let mut relative = 1.0;
+    r.copy_from_slice(b);
+    if warm {
+        operator.apply(x, q);
+        difference(b, q, r);
+        relative = norm(r) / b_norm;
+    }
+    // A start that is farther off than zero is none.
+    if !warm || relative > 1.0 || !relative.is_finite() {
+        x.fill(Vector3::zeros());
+        r.copy_from_slice(b);
+        relative = 1.0;
+    }
+    if relative <= tolerance {
+        return finished(LinearStatus::Converged, 0, relative);
+    }
+    operator.precondition(r, z);
+    d.copy_from_slice(z);
+    let mut rz = dot(r, z);
     for iteration in 0..max_iterations {
-        operator.apply(&d, &mut q);
-        let curvature = dot(&d, &q);
+        operator.apply(d, q);
+        let curvature = dot(d, q);
         if !(rz.is_finite() && curvature.is_finite()) || rz <= 0.0 {
-            return finished(x, LinearStatus::Breakdown, iteration, relative);
+            return finished(LinearStatus::Breakdown, iteration, relative);
         }
         if curvature <= 0.0 {
             if iteration == 0 {
-                x.copy_from_slice(&d);
+                x.copy_from_slice(d);
             }
-            return finished(x, LinearStatus::NegativeCurvature, iteration + 1, relative);
+            return finished(LinearStatus::NegativeCurvature, iteration + 1, relative);
         }
         let step = rz / curvature;
-        axpy(step, &d, &mut x);
-        axpy(-step, &q, &mut r);
-        relative = norm(&r) / b_norm;
+        axpy(step, d, x);
+        relative = axpy_norm(-step, q, r) / b_norm;
         if relative <= tolerance {
-            return finished(x, LinearStatus::Converged, iteration + 1, relative);
+            return finished(LinearStatus::Converged, iteration + 1, relative);
         }
-        operator.precondition(&r, &mut z);
-        let next = dot(&r, &z);
-        scale_add(&mut d, next / rz, &z);
+        operator.precondition(r, z);
+        let next = dot(r, z);
+        scale_add(d, next / rz, z);
         rz = next;
     }
-    finished(x, LinearStatus::IterationLimit, max_iterations, relative)
+    finished(LinearStatus::IterationLimit, max_iterations, relative)
 }
 
 /// Preconditioned MINRES from zero for symmetric, possibly indefinite `H x = b` (Paige and Saunders 1975, in the form of
@@ -87,14 +119,15 @@ pub(crate) fn conjugate_gradients(
 pub(crate) fn minres(
     operator: &mut impl LinearOperator,
     b: &[Vector3<f64>],
+    x: &mut NodalVector,
     tolerance: f64,
     max_iterations: usize,
 ) -> LinearSolution {
     let n = b.len();
-    let mut x = zeros(n);
+    x.fill(Vector3::zeros());
     let b_norm = norm(b);
     if b_norm == 0.0 {
-        return finished(x, LinearStatus::Converged, 0, 0.0);
+        return finished(LinearStatus::Converged, 0, 0.0);
     }
     let (mut v_old, mut v) = (zeros(n), b.to_vec());
     let (mut z, mut z_next, mut v_next) = (zeros(n), zeros(n), zeros(n));
@@ -143,25 +176,19 @@ pub(crate) fn minres(
 fn true_residual(
     operator: &mut impl LinearOperator,
     b: &[Vector3<f64>],
-    x: NodalVector,
+    x: &[Vector3<f64>],
     status: LinearStatus,
     iterations: usize,
 ) -> LinearSolution {
     let mut r = zeros(b.len());
-    operator.apply(&x, &mut r);
+    operator.apply(x, &mut r);
     r.iter_mut().zip(b).for_each(|(r, b)| *r = b - *r);
     let relative = norm(&r) / norm(b);
-    finished(x, status, iterations, relative)
+    finished(status, iterations, relative)
 }
 
-fn finished(
-    x: NodalVector,
-    status: LinearStatus,
-    iterations: usize,
-    relative_residual: f64,
-) -> LinearSolution {
+fn finished(status: LinearStatus, iterations: usize, relative_residual: f64) -> LinearSolution {
     LinearSolution {
-        x,
         status,
         iterations,
         relative_residual,
@@ -209,9 +236,15 @@ mod tests {
         let d: Vec<f64> = (0..40).map(|i| 1.0 + i as f64).collect();
         let mut operator = Diagonal(d, vec![3.0; 40]);
         let b = right_hand_side();
-        let result = conjugate_gradients(&mut operator, &b, 1e-13, 200);
-        assert_eq!(result.status, LinearStatus::Converged);
-        assert!(error(&operator, &result.x, &b) < 1e-12);
+        let mut space = KrylovSpace::default();
+        space.reserve(b.len());
+        let cold = conjugate_gradients(&mut operator, &b, &mut space, false, 1e-13, 200);
+        assert_eq!(cold.status, LinearStatus::Converged);
+        assert!(error(&operator, &space.x, &b) < 1e-12);
+        space.x.iter_mut().for_each(|x| *x *= 1.0 + 1e-6);
+        let warm = conjugate_gradients(&mut operator, &b, &mut space, true, 1e-7, 200);
+        assert!(warm.iterations < cold.iterations && warm.status == LinearStatus::Converged);
+        assert!(error(&operator, &space.x, &b) < 1e-5);
     }
 
     #[test]
@@ -220,15 +253,17 @@ mod tests {
         let m: Vec<f64> = (0..40).map(|i| 2.0 + (i % 5) as f64).collect();
         let mut operator = Diagonal(d, m);
         let b = right_hand_side();
-        let noticed = conjugate_gradients(&mut operator, &b, 1e-13, 200);
+        let mut space = KrylovSpace::default();
+        space.reserve(b.len());
+        let noticed = conjugate_gradients(&mut operator, &b, &mut space, false, 1e-13, 200);
         assert_eq!(noticed.status, LinearStatus::NegativeCurvature);
-        let result = minres(&mut operator, &b, 1e-13, 400);
+        let result = minres(&mut operator, &b, &mut space.x, 1e-13, 400);
         assert_eq!(result.status, LinearStatus::Converged);
         assert!(
             result.relative_residual < 1e-11,
             "{}",
             result.relative_residual
         );
-        assert!(error(&operator, &result.x, &b) < 1e-10);
+        assert!(error(&operator, &space.x, &b) < 1e-10);
     }
 }

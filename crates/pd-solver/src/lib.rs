@@ -31,8 +31,11 @@ mod forest;
 mod krylov;
 mod methods;
 mod multifrontal;
+mod multigrid;
+
 mod ordering;
 mod panel;
+mod preconditioners;
 mod problem;
 mod solution;
 mod solver;
@@ -44,7 +47,7 @@ pub use constant::FactorSeconds;
 pub use effects::deformation_gradients;
 pub use error::SolverError;
 pub use solution::{
-    Adjoint, AdjointOptions, AdjointStats, AdjointStatus, Method, Solution, SolveOptions,
+    Adjoint, AdjointOptions, AdjointStats, AdjointStatus, Estimate, Method, Solution, SolveOptions,
     SolveStats, Status, Stop, Work,
 };
 pub use solver::Solver;

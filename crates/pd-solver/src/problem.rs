@@ -1,23 +1,29 @@
-//! The discrete problem: effects, prescribed nodes and the factored constant matrix, as functions of the nodal positions.
+//! The discrete problem on one grid: effects and prescribed nodes, as functions of the nodal positions.
 
-use crate::constant::{ConstantMatrix, ConstantSystem};
-use crate::effects::{Batches, Effect, build};
+use crate::constant::ConstantSystem;
+use crate::effects::{Batches, CoarseView, Effect, build, springs::Springs};
 use crate::error::SolverError;
-use crate::krylov::LinearOperator;
+use crate::multigrid::{DisjointSets, ElementForm, Hierarchy};
 use crate::solution::Work;
 use crate::spec::{EffectSpec, Parameters};
-use crate::vector::{NodalVector, zeros};
+use crate::vector::NodalVector;
 use hex_mesh::HexMesh;
 use nalgebra::Vector3;
+
+/// Stiffness of the springs that hold a coarse body where prescribed nodes lie inside its elements, in units of elastic
+/// stiffness times the edge of a fine element: stiff against the flesh around, which is all that a start needs.
+const ANCHOR: f64 = 4.0;
 
 /// Everything the methods need to know of a body.
 pub(crate) struct Problem {
     effects: Vec<Box<dyn Effect>>,
-    pub(crate) system: ConstantSystem,
     pub(crate) prescribed: Vec<u32>,
     pub(crate) rest: NodalVector,
     pub(crate) rest_parameters: Parameters,
+    pub(crate) elements: usize,
     pub(crate) element_size: f64,
+    /// Energy per volume for a unit misfit.
+    pub(crate) elastic_stiffness: f64,
     pub(crate) work: Work,
 }
 
@@ -28,28 +34,132 @@ impl Problem {
             prescribed,
             rest: rest_parameters,
             anchored,
+            elastic_stiffness,
         } = build(mesh, specs)?;
         require_held(mesh, prescribed.iter().chain(&anchored))?;
-        let add = |matrix: &mut ConstantMatrix| effects.iter().for_each(|e| e.add_constant(matrix));
-        let size = mesh.element_size();
-        let mut system = ConstantSystem::new(mesh.nodes().len(), &prescribed, add);
-        system.factor(mesh.nodes(), size, add)?;
         let work = Work {
-            factorisations: 1,
-            matrix_nonzeros: system.nonzeros(),
-            factor_entries: system.factor_entries(),
             effect_bytes: effects.iter().map(|e| e.bytes()).sum(),
             ..Work::default()
         };
         Ok(Self {
             effects,
-            system,
             prescribed,
             rest: mesh.nodes().to_vec(),
             rest_parameters,
-            element_size: size,
+            elements: mesh.elements().len(),
+            element_size: mesh.element_size(),
+            elastic_stiffness,
             work,
         })
+    }
+
+    /// The same body on the next coarser grid of the hierarchy, `level` being this problem's.
+    pub(crate) fn coarsen(&self, hierarchy: &Hierarchy, level: usize) -> Self {
+        let (grid, transfer) = (&hierarchy.grids[level + 1], &hierarchy.transfers[level]);
+        let view = CoarseView {
+            grid,
+            transfer,
+            stiffness: self.elastic_stiffness,
+        };
+        let rest: NodalVector = (0..grid.node_count()).map(|n| grid.position(n)).collect();
+        let held = &hierarchy.held[level + 1];
+        let prescribed: Vec<u32> = (0..held.len() as u32)
+            .filter(|&n| held[n as usize])
+            .collect();
+        let effects: Vec<Box<dyn Effect>> = self.effects.iter().map(|e| e.coarsen(&view)).collect();
+        let rest_parameters = Parameters {
+            actuation: vec![[0.0; 6]; grid.elements.len() * 8],
+            prescribed: prescribed.iter().map(|&n| rest[n as usize]).collect(),
+            spring_targets: self.rest_parameters.spring_targets.clone(),
+            acceleration: self.rest_parameters.acceleration.clone(),
+        };
+        Self {
+            effects,
+            prescribed,
+            rest,
+            rest_parameters,
+            elements: grid.elements.len(),
+            element_size: self.element_size * 2.0,
+            elastic_stiffness: self.elastic_stiffness,
+            work: Work::default(),
+        }
+    }
+
+    /// Adds springs from points of the body to targets that follow the others in the parameters.
+    pub(crate) fn anchor(&mut self, forms: Vec<(Vec<u32>, Vec<f64>)>, fine_edge: f64) {
+        if forms.is_empty() {
+            return;
+        }
+        let stiffness = ANCHOR * self.elastic_stiffness * fine_edge;
+        let first = self.rest_parameters.spring_targets.len();
+        let springs = Springs::from_forms(forms, stiffness, first, &self.rest);
+        self.rest_parameters
+            .spring_targets
+            .extend(springs.rest_targets());
+        self.effects.push(Box::new(springs));
+    }
+
+    /// Linear forms of the effects (springs), each given to one element that holds all its nodes.
+    pub(crate) fn element_forms(&self, elements: &[[u32; 8]]) -> Vec<ElementForm> {
+        let mut first_element = vec![u32::MAX; self.rest.len()];
+        let mut next = vec![[u32::MAX; 8]; 0];
+        let mut forms = Vec::new();
+        let mut any = false;
+        self.effects
+            .iter()
+            .for_each(|e| e.for_each_form(&mut |_, _, _| any = true));
+        if !any {
+            return forms;
+        }
+        // Elements around each node as linked lists.
+        next.resize(elements.len(), [u32::MAX; 8]);
+        for (element, nodes) in elements.iter().enumerate().rev() {
+            for (corner, &node) in nodes.iter().enumerate() {
+                let head = &mut first_element[node as usize];
+                next[element][corner] = std::mem::replace(head, (element * 8 + corner) as u32);
+            }
+        }
+        for effect in &self.effects {
+            effect.for_each_form(&mut |nodes, weights, stiffness| {
+                let mut at = first_element[nodes[0] as usize];
+                while at != u32::MAX {
+                    let (element, corner) = (at as usize / 8, at as usize % 8);
+                    let corners = &elements[element];
+                    if nodes.iter().all(|n| corners.contains(n)) {
+                        let of_corner = |c: usize| {
+                            let terms = nodes.iter().zip(weights);
+                            terms
+                                .filter(|(n, _)| **n == corners[c])
+                                .map(|(_, w)| w)
+                                .sum()
+                        };
+                        forms.push((element as u32, std::array::from_fn(of_corner), stiffness));
+                        return;
+                    }
+                    at = next[element][corner];
+                }
+            });
+        }
+        forms
+    }
+
+    /// Assembles and factors the constant matrix.
+    pub(crate) fn constant_system(&self) -> Result<ConstantSystem, SolverError> {
+        let free = self.free();
+        ConstantSystem::factor(&free, &self.rest, self.element_size, |matrix| {
+            self.effects.iter().for_each(|e| e.add_constant(matrix));
+        })
+    }
+
+    /// The free nodes, by rising index.
+    pub(crate) fn free(&self) -> Vec<u32> {
+        let mut held = vec![false; self.len()];
+        self.prescribed
+            .iter()
+            .for_each(|&n| held[n as usize] = true);
+        (0..self.len() as u32)
+            .filter(|&n| !held[n as usize])
+            .collect()
     }
 
     /// Number of nodes.
@@ -114,41 +224,21 @@ impl Problem {
             .for_each(|e| e.parameter_vjp(u, z, out));
     }
 
-    /// `out = K^-1 r`.
-    pub(crate) fn constant_solve(&mut self, r: &[Vector3<f64>], out: &mut NodalVector) {
-        self.system.solve(r, out);
-        self.work.constant_solves += 1;
-    }
-
     pub(crate) fn clear_prescribed(&self, x: &mut [Vector3<f64>]) {
         for &node in &self.prescribed {
             x[node as usize] = Vector3::zeros();
         }
     }
 
-    /// Norm of the gradient over the free nodes at the rest shape, with the prescribed nodes where the parameters put them.
-    pub(crate) fn gradient_norm_at_rest(&mut self, parameters: &Parameters) -> f64 {
-        let mut u = self.rest.clone();
-        self.impose(parameters, &mut u);
-        let mut gradient = zeros(u.len());
-        self.evaluate(&u, &mut gradient);
-        crate::vector::norm(&gradient)
-    }
-
     /// A gradient norm that is roundoff for this body: no method can go below it.
     pub(crate) fn gradient_floor(&self) -> f64 {
-        1e-15 * self.system.stiffness_scale() * self.element_size * (self.len() as f64).sqrt()
-    }
-}
-
-impl LinearOperator for Problem {
-    fn apply(&mut self, x: &[Vector3<f64>], out: &mut NodalVector) {
-        self.full_hessian_product(x, out);
-        self.clear_prescribed(out);
+        let stiffest: f64 = self.effects.iter().map(|e| e.largest_diagonal()).sum();
+        1e-15 * stiffest * self.element_size * (self.len() as f64).sqrt()
     }
 
-    fn precondition(&mut self, r: &[Vector3<f64>], out: &mut NodalVector) {
-        self.constant_solve(r, out);
+    /// Samples whose volume is turned inside out at `u`.
+    pub(crate) fn inverted_samples(&self, u: &[Vector3<f64>]) -> usize {
+        self.effects.iter().map(|e| e.inverted_samples(u)).sum()
     }
 }
 
@@ -157,32 +247,21 @@ fn require_held<'a>(
     mesh: &HexMesh,
     held: impl Iterator<Item = &'a u32>,
 ) -> Result<(), SolverError> {
-    let mut parent: Vec<u32> = (0..mesh.nodes().len() as u32).collect();
-    fn root(parent: &mut [u32], mut i: u32) -> u32 {
-        while parent[i as usize] != i {
-            parent[i as usize] = parent[parent[i as usize] as usize];
-            i = parent[i as usize];
-        }
-        i
-    }
+    let count = mesh.nodes().len();
+    let mut parts = DisjointSets::new(count);
     for element in mesh.elements() {
-        let a = root(&mut parent, element[0]);
         for &node in &element[1..] {
-            let b = root(&mut parent, node);
-            parent[b as usize] = a;
+            parts.join(element[0], node);
         }
     }
-    let mut is_held = vec![false; parent.len()];
+    let mut is_held = vec![false; count];
     for &node in held {
-        let r = root(&mut parent, node);
-        is_held[r as usize] = true;
+        is_held[parts.root(node) as usize] = true;
     }
-    for node in 0..parent.len() {
-        let r = root(&mut parent, node as u32);
-        if !is_held[r as usize] {
-            let count = (0..parent.len() as u32)
-                .filter(|&i| root(&mut parent, i) == r)
-                .count();
+    for node in 0..count {
+        let root = parts.root(node as u32);
+        if !is_held[root as usize] {
+            let count = (0..count as u32).filter(|&i| parts.root(i) == root).count();
             return Err(SolverError::NotHeld { node, count });
         }
     }

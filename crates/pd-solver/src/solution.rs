@@ -22,15 +22,36 @@ pub enum Status {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, serde::Deserialize, Default)]
 #[serde(rename_all = "kebab-case")]
 pub enum Method {
+    /// [`Method::Multigrid`] where the body is large enough and has a hierarchy of coarser ones, [`Method::Lbfgs`] otherwise.
+    #[default]
+    Automatic,
     /// Local/global iteration: monotone without a line search, slow at the end. The reference.
     LocalGlobal,
     /// Anderson acceleration of local/global: monotone without a line search, too, and much faster at the end.
     Anderson,
-    /// L-BFGS whose initial Hessian is the constant matrix; Newton takes over where it stalls.
-    #[default]
+    /// L-BFGS whose initial Hessian is the factored constant matrix; Newton takes over where it stalls.
     Lbfgs,
+    /// L-BFGS whose initial Hessian is a multigrid cycle on the projected Hessian, started from coarser bodies; Newton takes
+    /// over where it stalls.
+    Multigrid,
     /// Newton with conjugate gradients on the true Hessian and a line search.
     Newton,
+}
+
+/// Where the estimated error of a solve comes from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Default)]
+#[serde(rename_all = "snake_case")]
+pub enum Estimate {
+    /// There is none: no step was needed, or too few were made.
+    #[default]
+    None,
+    /// The length of the last quasi-Newton direction, which costs nothing.
+    Direction,
+    /// A Newton step on the true Hessian, taken where the direction cannot be trusted: inverted samples, directions that grow,
+    /// negative curvature, or the constant matrix as preconditioner.
+    NewtonStep,
+    /// Extrapolation of linear convergence.
+    Extrapolation,
 }
 
 /// When a solve may stop.
@@ -51,6 +72,9 @@ pub struct SolveOptions {
     pub method: Method,
     /// Limit of iterations over all methods that are tried.
     pub max_iterations: usize,
+    /// With a start: use the preconditioner of the solver's last call as it is where that was built nearby. Saves its building; in
+    /// exchange the result depends, within its accuracy, on the calls before.
+    pub reuse: bool,
 }
 
 impl SolveOptions {
@@ -60,6 +84,7 @@ impl SolveOptions {
             stop,
             method: Method::default(),
             max_iterations: 2000,
+            reuse: false,
         }
     }
 
@@ -73,7 +98,7 @@ impl SolveOptions {
 /// Counts of the work done, which do not depend on the machine.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize)]
 pub struct Work {
-    /// Factorisations of the constant matrix since the solver was built.
+    /// Factorisations of the constant matrix since the solver was built: one where a method needs it.
     pub factorisations: u64,
     /// Stored entries of the constant matrix (lower triangle).
     pub matrix_nonzeros: usize,
@@ -87,6 +112,10 @@ pub struct Work {
     pub local_projections: u64,
     /// Solves with the factored constant matrix, each for three right-hand sides.
     pub constant_solves: u64,
+    /// Times the multigrid operators were built, on any level.
+    pub multigrid_builds: u64,
+    /// Multigrid cycles, on any level.
+    pub multigrid_cycles: u64,
     /// Linearisations, each with one rotation gradient per sample.
     pub linearisations: u64,
     /// Products with the Hessian.
@@ -98,8 +127,10 @@ pub struct Work {
 /// What a forward solve did.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct SolveStats {
-    /// Accepted steps.
+    /// Accepted steps on the body itself.
     pub iterations: usize,
+    /// Accepted steps on the coarser bodies that the start came from.
+    pub coarse_iterations: usize,
     /// Energy at the result.
     pub energy: f64,
     /// Norm of the gradient over the free nodes at the result.
@@ -108,6 +139,8 @@ pub struct SolveStats {
     pub gradient_norm_rest: Option<f64>,
     /// Estimated largest distance of a node from its final place, in scene units; absent where no step was needed.
     pub estimated_error: Option<f64>,
+    /// Where that estimate comes from.
+    pub estimate: Estimate,
     /// The method that finished.
     pub method: Method,
     /// Whether another method had to take over.
@@ -172,6 +205,8 @@ pub struct AdjointOptions {
     pub tolerance: f64,
     /// Limit of iterations of each method.
     pub max_iterations: usize,
+    /// Start from the multiplier that the [`Adjoint`] to be overwritten holds from an earlier, similar case.
+    pub warm_start: bool,
     /// Go on although the forward solve did not converge; its status is then the caller's to judge.
     pub allow_unconverged: bool,
 }
@@ -181,6 +216,7 @@ impl Default for AdjointOptions {
         Self {
             tolerance: 1e-10,
             max_iterations: 2000,
+            warm_start: false,
             allow_unconverged: false,
         }
     }
@@ -206,8 +242,51 @@ pub struct AdjointStats {
 pub struct Adjoint {
     /// dL/d parameters, in the shape of [`Parameters`]; absent where the status says why.
     pub gradient: Option<Parameters>,
+    /// The multiplier z of `H z = cotangent` `[nodes]`, zero at prescribed nodes: a start for the next similar case.
+    pub multiplier: NodalVector,
     /// How the solve ended.
     pub status: AdjointStatus,
     /// What it did.
     pub stats: AdjointStats,
+}
+
+impl Default for Solution {
+    /// An empty one, to be overwritten.
+    fn default() -> Self {
+        Self {
+            positions: Vec::new(),
+            status: Status::NotFinite,
+            stats: SolveStats {
+                iterations: 0,
+                coarse_iterations: 0,
+                energy: f64::NAN,
+                gradient_norm: f64::NAN,
+                gradient_norm_rest: None,
+                estimated_error: None,
+                estimate: Estimate::None,
+                method: Method::Automatic,
+                fell_back: false,
+                work: Work::default(),
+                seconds: 0.0,
+            },
+        }
+    }
+}
+
+impl Default for Adjoint {
+    /// An empty one, to be overwritten.
+    fn default() -> Self {
+        Self {
+            gradient: None,
+            multiplier: Vec::new(),
+            status: AdjointStatus::NotFinite,
+            stats: AdjointStats {
+                iterations: 0,
+                negative_curvature: false,
+                relative_residual: f64::NAN,
+                smallest_pair_sum: None,
+                seconds: 0.0,
+            },
+        }
+    }
 }

@@ -1,25 +1,43 @@
 //! The solver that callers hold: built once for a body and its effects, used for many solves.
 
-use crate::adjoint::adjoint;
-use crate::constant::FactorSeconds;
+use crate::adjoint::{adjoint, is_equilibrium, refuse};
+use crate::constant::{ConstantSystem, FactorSeconds};
 use crate::error::SolverError;
-use crate::methods::{self, Target};
+use crate::methods::coarse_to_fine::{self, CoarseBody, carry_down};
+use crate::methods::{
+    Outcome, Preconditioner, Target, Workspace, anderson, lbfgs, local_global, newton,
+};
+use crate::multigrid::Hierarchy;
+use crate::preconditioners::Cycle;
 use crate::problem::Problem;
 use crate::solution::{
-    Adjoint, AdjointOptions, Method, Solution, SolveOptions, SolveStats, Status, Stop, Work,
+    Adjoint, AdjointOptions, AdjointStatus, Method, Solution, SolveOptions, SolveStats, Status,
+    Stop, Work,
 };
 use crate::spec::{EffectSpec, Parameters, check_array};
-use crate::vector::NodalVector;
+use crate::vector::{NodalVector, norm};
 use hex_mesh::HexMesh;
 use nalgebra::Vector3;
 use std::time::Instant;
 
+/// Bodies of fewer elements are solved with the constant matrix unless multigrid is asked for: factoring it costs nothing then.
+const SMALL: usize = 400;
+
 /// Finds quasi-static equilibria of one body under one list of effects, and their derivatives.
 ///
-/// Building it assembles and factors the constant matrix, once. All solves are deterministic: the same input gives the same
-/// bits, whatever the number of threads.
+/// Building it prepares the multigrid hierarchy of the body, or, for bodies too small for one, factors the constant matrix. All
+/// solves are deterministic: the same calls give the same bits, whatever the number of threads. After the first solve and the
+/// first adjoint, [`Solver::solve_into`] and [`Solver::adjoint_into`] allocate nothing that grows with the body.
 pub struct Solver {
     problem: Problem,
+    /// Grids that no multigrid was made of yet.
+    hierarchy: Option<Hierarchy>,
+    cycle: Option<Cycle>,
+    coarse: Vec<CoarseBody>,
+    /// Factored when a method first needs it.
+    constant: Option<ConstantSystem>,
+    space: Workspace,
+    free: Vec<u32>,
     setup_seconds: f64,
 }
 
@@ -27,15 +45,44 @@ impl Solver {
     /// Builds the solver.
     ///
     /// # Errors
-    /// When an effect is not valid on this mesh, a part of the body is held by nothing, or the factorisation fails.
+    /// When an effect is not valid on this mesh, a part of the body is held by nothing, or a factorisation fails.
     pub fn new(mesh: &HexMesh, effects: &[EffectSpec]) -> Result<Self, SolverError> {
         let start = Instant::now();
         let problem = Problem::new(mesh, effects)?;
-        let setup_seconds = start.elapsed().as_secs_f64();
-        Ok(Self {
+        let mut solver = Self {
+            free: problem.free(),
             problem,
-            setup_seconds,
-        })
+            hierarchy: None,
+            cycle: None,
+            coarse: Vec::new(),
+            constant: None,
+            space: Workspace::default(),
+            setup_seconds: 0.0,
+        };
+        solver.hierarchy = Hierarchy::new(mesh, &solver.problem.prescribed);
+        if mesh.elements().len() < SMALL || !solver.add_cycle() {
+            solver.factor()?;
+        }
+        solver.setup_seconds = start.elapsed().as_secs_f64();
+        Ok(solver)
+    }
+
+    /// Sets up the multigrid unless that was done before; false where the body has no hierarchy.
+    fn add_cycle(&mut self) -> bool {
+        if let Some(hierarchy) = self.hierarchy.take() {
+            let (multigrid, coarse) = carry_down(&self.problem, hierarchy);
+            self.cycle = Some(Cycle::new(multigrid, self.problem.element_size));
+            self.coarse = coarse;
+        }
+        self.cycle.is_some()
+    }
+
+    /// Factors the constant matrix unless that was done before.
+    fn factor(&mut self) -> Result<(), SolverError> {
+        if self.constant.is_none() {
+            self.constant = Some(self.problem.constant_system()?);
+        }
+        Ok(())
     }
 
     /// Parameters that leave the body at rest (but for gravity): no actuation, prescribed nodes and springs at rest.
@@ -55,7 +102,7 @@ impl Solver {
 
     /// The free nodes, by rising index.
     pub fn free(&self) -> &[u32] {
-        self.problem.system.free()
+        &self.free
     }
 
     /// Seconds that building took.
@@ -63,15 +110,29 @@ impl Solver {
         self.setup_seconds
     }
 
-    /// Seconds that the parts of building the factor of the constant matrix took; `None` before it was needed.
-    pub fn factor_seconds(&self) -> Option<FactorSeconds> {
-        self.problem.system.factor_seconds()
+    /// Elements of the body and of each coarser one that the solver works on.
+    pub fn levels(&self) -> Vec<usize> {
+        let grids = self
+            .cycle
+            .iter()
+            .flat_map(|c| &c.multigrid.hierarchy().grids);
+        let mut counts: Vec<usize> = grids.map(|g| g.elements.len()).collect();
+        if counts.is_empty() {
+            counts.push(self.problem.elements);
+        }
+        counts
     }
 
-    /// One solve with the constant matrix: `out = K^-1 r` on the free nodes, zero on the prescribed ones.
+    /// Seconds that the parts of building the factor of the constant matrix took; `None` before a method needed it.
+    pub fn factor_seconds(&self) -> Option<FactorSeconds> {
+        self.constant.as_ref().map(ConstantSystem::seconds)
+    }
+
+    /// One solve with the constant matrix, which is factored if it was not yet: `out = K^-1 r` on the free nodes, zero on the
+    /// prescribed ones.
     ///
     /// # Errors
-    /// When the arrays do not fit or `r` is not finite.
+    /// When the arrays do not fit, `r` is not finite, or the factorisation fails.
     pub fn constant_solve(
         &mut self,
         r: &[Vector3<f64>],
@@ -79,13 +140,27 @@ impl Solver {
     ) -> Result<(), SolverError> {
         check_positions("right-hand side", r, self.problem.len())?;
         check_positions("out", out, self.problem.len())?;
-        self.problem.constant_solve(r, out);
+        self.factor()?;
+        if let Some(constant) = &mut self.constant {
+            constant.solve(r, out);
+        }
         Ok(())
     }
 
     /// Work done since the solver was built.
     pub fn work(&self) -> Work {
-        self.problem.work
+        let mut work = self.problem.work;
+        if let Some(constant) = &self.constant {
+            work.factorisations = 1;
+            work.matrix_nonzeros = constant.nonzeros();
+            work.factor_entries = constant.factor_entries();
+            work.constant_solves = constant.solves();
+        }
+        if let Some(cycle) = &self.cycle {
+            work.multigrid_builds = cycle.multigrid.builds;
+            work.multigrid_cycles = cycle.multigrid.cycles;
+        }
+        work
     }
 
     /// Energy and its gradient at `u` `[nodes]`; the gradient is zero at prescribed nodes, whose positions are taken from `u`.
@@ -124,8 +199,18 @@ impl Solver {
     fn take(&mut self, parameters: &Parameters, u: &[Vector3<f64>]) -> Result<(), SolverError> {
         parameters.check(&self.problem.rest_parameters)?;
         check_positions("positions", u, self.problem.len())?;
-        self.problem.set_parameters(parameters);
+        self.set_parameters(parameters);
         Ok(())
+    }
+
+    fn set_parameters(&mut self, parameters: &Parameters) {
+        self.problem.set_parameters(parameters);
+        if let Some(cycle) = &mut self.cycle {
+            let samples = parameters.actuation.len() / self.problem.elements;
+            cycle
+                .multigrid
+                .set_actuation(&parameters.actuation, samples);
+        }
     }
 
     /// Finds the equilibrium reached from `start` (the rest shape where not given; prescribed nodes are moved into place).
@@ -139,60 +224,182 @@ impl Solver {
         start: Option<&[Vector3<f64>]>,
         options: &SolveOptions,
     ) -> Result<Solution, SolverError> {
+        let mut solution = Solution::default();
+        self.solve_into(parameters, start, options, &mut solution)?;
+        Ok(solution)
+    }
+
+    /// [`Solver::solve`] into a solution whose memory is used again. Without a start, what it holds does not matter.
+    ///
+    /// # Errors
+    /// Those of [`Solver::solve`]; `solution` is then unchanged.
+    pub fn solve_into(
+        &mut self,
+        parameters: &Parameters,
+        start: Option<&[Vector3<f64>]>,
+        options: &SolveOptions,
+        solution: &mut Solution,
+    ) -> Result<(), SolverError> {
         let clock = Instant::now();
         let (Stop::Accuracy(value) | Stop::RelativeGradient(value)) = options.stop;
         if !(value.is_finite() && value > 0.0) {
             return Err(SolverError::BadStop { value });
         }
-        let start = start.unwrap_or(&self.problem.rest).to_vec();
-        self.take(parameters, &start)?;
-        let problem = &mut self.problem;
-        let gradient_norm_rest = match options.stop {
-            Stop::RelativeGradient(_) => Some(problem.gradient_norm_at_rest(parameters)),
-            Stop::Accuracy(_) => None,
-        };
-        let target = Target {
-            accuracy: match options.stop {
-                Stop::Accuracy(length) => Some(length),
-                Stop::RelativeGradient(_) => None,
-            },
-            gradient: match (options.stop, gradient_norm_rest) {
-                (Stop::RelativeGradient(t), Some(rest)) => t * rest,
-                _ => 0.0,
-            }
-            .max(problem.gradient_floor()),
-        };
-        let mut u = start;
-        problem.impose(parameters, &mut u);
+        parameters.check(&self.problem.rest_parameters)?;
+        if let Some(start) = start {
+            check_positions("positions", start, self.problem.len())?;
+        }
+        let method = self.choose(options.method)?;
+        self.set_parameters(parameters);
+        let u = &mut solution.positions;
+        u.resize(self.problem.len(), Vector3::zeros());
         // Inside the thread pool from here on: every parallel loop would otherwise wake it from outside.
-        let mut outcome = rayon::scope(|_| run(problem, options.method, &mut u, &target, options));
-        let mut method = options.method;
-        let fell_back = outcome.status == Status::Stalled && method == Method::Lbfgs;
-        if fell_back {
+        let stats = rayon::scope(|_| self.run(parameters, start, options, method, u));
+        let (status, stats) = stats?;
+        solution.status = status;
+        solution.stats = SolveStats {
+            work: self.work(),
+            seconds: clock.elapsed().as_secs_f64(),
+            ..stats
+        };
+        Ok(())
+    }
+
+    /// The method that is run for the one asked for, with what it needs in place.
+    fn choose(&mut self, asked: Method) -> Result<Method, SolverError> {
+        let multigrid = match asked {
+            Method::Automatic => self.cycle.is_some(),
+            Method::Multigrid => self.add_cycle(),
+            _ => false,
+        };
+        let method = match asked {
+            _ if multigrid => Method::Multigrid,
+            Method::Automatic | Method::Multigrid => Method::Lbfgs,
+            other => other,
+        };
+        let constant = match method {
+            Method::LocalGlobal | Method::Anderson | Method::Lbfgs => true,
+            Method::Newton => self.cycle.is_none(),
+            _ => false,
+        };
+        if constant {
+            self.factor()?;
+        }
+        Ok(method)
+    }
+
+    fn run(
+        &mut self,
+        parameters: &Parameters,
+        start: Option<&[Vector3<f64>]>,
+        options: &SolveOptions,
+        mut method: Method,
+        u: &mut NodalVector,
+    ) -> Result<(Status, SolveStats), SolverError> {
+        self.space.energy_at_start = None;
+        let (rest_energy, rest_gradient) = match (options.stop, start, method) {
+            (Stop::Accuracy(_), Some(_), _) => (f64::INFINITY, None),
+            (Stop::Accuracy(_), None, m) if m != Method::Multigrid => (f64::INFINITY, None),
+            _ => {
+                u.copy_from_slice(&self.problem.rest);
+                self.problem.impose(parameters, u);
+                self.space.reserve(u.len());
+                let energy = self.problem.evaluate(u, &mut self.space.gradient);
+                (energy, Some(norm(&self.space.gradient)))
+            }
+        };
+        let mut coarse_iterations = 0;
+        match (start, method, &mut self.cycle) {
+            (Some(start), _, cycle) => {
+                if !options.reuse
+                    && let Some(cycle) = cycle
+                {
+                    cycle.forget();
+                }
+                u.copy_from_slice(start);
+                self.problem.impose(parameters, u);
+            }
+            (None, Method::Multigrid, Some(cycle)) => {
+                let (coarse, rest) = (&mut self.coarse, &self.problem.rest);
+                coarse_iterations =
+                    coarse_to_fine::start(coarse, &mut cycle.multigrid, parameters, rest, u);
+                cycle.forget();
+                self.problem.impose(parameters, u);
+                // A coarse body can fold where the fine one does not; such a start is worse than none.
+                let energy = self.problem.evaluate(u, &mut self.space.gradient);
+                if energy < rest_energy {
+                    self.space.energy_at_start = Some(energy);
+                } else {
+                    u.copy_from_slice(&self.problem.rest);
+                    self.problem.impose(parameters, u);
+                }
+            }
+            _ => {
+                u.copy_from_slice(&self.problem.rest);
+                self.problem.impose(parameters, u);
+            }
+        }
+        let floor = self.problem.gradient_floor();
+        let target = match options.stop {
+            Stop::Accuracy(length) => Target {
+                accuracy: Some(length),
+                gradient: floor,
+            },
+            Stop::RelativeGradient(t) => Target {
+                accuracy: None,
+                gradient: (t * rest_gradient.unwrap_or(0.0)).max(floor),
+            },
+        };
+        let mut left = options.max_iterations;
+        let mut outcome = self.run_method(method, u, &target, left);
+        let asked = method;
+        if outcome.status == Status::Stalled && matches!(method, Method::Lbfgs | Method::Multigrid)
+        {
             method = Method::Newton;
+            left -= outcome.iterations;
             let done = outcome.iterations;
-            let rest = SolveOptions {
-                max_iterations: options.max_iterations.saturating_sub(done),
-                ..*options
-            };
-            outcome = rayon::scope(|_| run(problem, method, &mut u, &target, &rest));
+            outcome = self.run_method(method, u, &target, left);
             outcome.iterations += done;
         }
-        Ok(Solution {
-            positions: u,
-            status: outcome.status,
-            stats: SolveStats {
-                iterations: outcome.iterations,
-                energy: outcome.energy,
-                gradient_norm: outcome.gradient_norm,
-                gradient_norm_rest,
-                estimated_error: outcome.estimated_error,
-                method,
-                fell_back,
-                work: problem.work,
-                seconds: clock.elapsed().as_secs_f64(),
+        let stats = SolveStats {
+            iterations: outcome.iterations,
+            coarse_iterations,
+            energy: outcome.energy,
+            gradient_norm: outcome.gradient_norm,
+            gradient_norm_rest: match options.stop {
+                Stop::RelativeGradient(_) => rest_gradient,
+                Stop::Accuracy(_) => None,
             },
-        })
+            estimated_error: outcome.estimated_error,
+            estimate: outcome.estimate,
+            method,
+            fell_back: method != asked,
+            work: Work::default(),
+            seconds: 0.0,
+        };
+        Ok((outcome.status, stats))
+    }
+
+    fn run_method(
+        &mut self,
+        method: Method,
+        u: &mut NodalVector,
+        target: &Target,
+        limit: usize,
+    ) -> Outcome {
+        let run = match method {
+            Method::LocalGlobal => local_global,
+            Method::Anderson => anderson,
+            Method::Newton => newton,
+            _ => lbfgs,
+        };
+        let by_cycle = matches!(method, Method::Multigrid | Method::Newton);
+        let pre: &mut dyn Preconditioner = match (&mut self.cycle, &mut self.constant) {
+            (Some(cycle), _) if by_cycle => cycle,
+            (_, Some(constant)) => constant,
+            _ => unreachable!("the method's preconditioner was built when it was chosen"),
+        };
+        run(&mut self.problem, pre, &mut self.space, u, target, limit)
     }
 
     /// The gradient of a loss by all parameters, given its gradient `cotangent` by the positions of all nodes at an equilibrium.
@@ -209,7 +416,80 @@ impl Solver {
         cotangent: &[Vector3<f64>],
         options: &AdjointOptions,
     ) -> Result<Adjoint, SolverError> {
-        adjoint(&mut self.problem, parameters, solution, cotangent, options)
+        let mut out = Adjoint::default();
+        self.adjoint_into(parameters, solution, cotangent, options, &mut out)?;
+        Ok(out)
+    }
+
+    /// [`Solver::adjoint`] into a result whose memory is used again; with [`AdjointOptions::warm_start`], from its multiplier.
+    ///
+    /// # Errors
+    /// Those of [`Solver::adjoint`].
+    pub fn adjoint_into(
+        &mut self,
+        parameters: &Parameters,
+        solution: &Solution,
+        cotangent: &[Vector3<f64>],
+        options: &AdjointOptions,
+        out: &mut Adjoint,
+    ) -> Result<(), SolverError> {
+        self.adjoints_into(
+            parameters,
+            solution,
+            &[cotangent],
+            options,
+            std::slice::from_mut(out),
+        )
+    }
+
+    /// Adjoints of several cotangents at the same state: what depends on the state alone is done once.
+    ///
+    /// # Errors
+    /// Those of [`Solver::adjoint`].
+    ///
+    /// # Panics
+    /// When there is not one result for each cotangent.
+    pub fn adjoints_into(
+        &mut self,
+        parameters: &Parameters,
+        solution: &Solution,
+        cotangents: &[&[Vector3<f64>]],
+        options: &AdjointOptions,
+        out: &mut [Adjoint],
+    ) -> Result<(), SolverError> {
+        assert_eq!(cotangents.len(), out.len(), "one result per cotangent");
+        let clock = Instant::now();
+        parameters.check(&self.problem.rest_parameters)?;
+        let n = self.problem.len();
+        check_array("positions", &solution.positions, n, |_| true)?;
+        for cotangent in cotangents {
+            check_array("cotangent", cotangent, n, |_| true)?;
+        }
+        if self.cycle.is_none() {
+            self.factor()?;
+        }
+        self.set_parameters(parameters);
+        rayon::scope(|_| {
+            let (problem, space) = (&mut self.problem, &mut self.space);
+            if !options.allow_unconverged && !is_equilibrium(problem, space, solution) {
+                for out in out {
+                    refuse(out, AdjointStatus::ForwardNotConverged, clock);
+                }
+                return;
+            }
+            let u = &solution.positions;
+            let pre: &mut dyn Preconditioner = match (&mut self.cycle, &mut self.constant) {
+                (Some(cycle), _) => cycle,
+                (None, Some(constant)) => constant,
+                _ => unreachable!("factored above"),
+            };
+            problem.linearise(u);
+            pre.prepare(u);
+            for (cotangent, out) in cotangents.iter().zip(out) {
+                adjoint(problem, pre, space, u, cotangent, options, out);
+            }
+        });
+        Ok(())
     }
 }
 
@@ -219,19 +499,4 @@ fn check_positions(
     expected: usize,
 ) -> Result<(), SolverError> {
     check_array(what, x, expected, |v| v.iter().all(|x| x.is_finite()))
-}
-
-fn run(
-    problem: &mut Problem,
-    method: Method,
-    u: &mut NodalVector,
-    target: &Target,
-    options: &SolveOptions,
-) -> methods::Outcome {
-    match method {
-        Method::LocalGlobal => methods::local_global(problem, u, target, options.max_iterations),
-        Method::Anderson => methods::anderson(problem, u, target, options.max_iterations),
-        Method::Lbfgs => methods::lbfgs(problem, u, target, options.max_iterations),
-        Method::Newton => methods::newton(problem, u, target, options.max_iterations),
-    }
 }

@@ -3,6 +3,7 @@
 use crate::error::SolverError;
 use hex_mesh::{EmbeddedPoint, HexMesh, NodeRegion};
 use nalgebra::Vector3;
+use rayon::prelude::*;
 use serde::de::value::{MapAccessDeserializer, SeqAccessDeserializer};
 use serde::de::{MapAccess, SeqAccess, Visitor};
 use serde::{Deserialize, Deserializer, Serialize};
@@ -179,11 +180,11 @@ impl Parameters {
 }
 
 /// Refuses an array of the wrong length or with an entry that is not finite.
-pub(crate) fn check_array<T>(
+pub(crate) fn check_array<T: Sync>(
     what: &'static str,
     values: &[T],
     expected: usize,
-    finite: impl Fn(&T) -> bool,
+    finite: impl Fn(&T) -> bool + Sync + Send,
 ) -> Result<(), SolverError> {
     if values.len() != expected {
         let found = values.len();
@@ -193,7 +194,11 @@ pub(crate) fn check_array<T>(
             expected,
         });
     }
-    match values.iter().position(|v| !finite(v)) {
+    match values
+        .par_iter()
+        .with_min_len(16_384)
+        .position_first(|v| !finite(v))
+    {
         Some(index) => Err(SolverError::NotFinite { what, index }),
         None => Ok(()),
     }

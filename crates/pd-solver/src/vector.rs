@@ -7,8 +7,11 @@ use rayon::prelude::*;
 /// A value per node.
 pub type NodalVector = Vec<Vector3<f64>>;
 
+/// Part of a nodal vector.
+type Part = [Vector3<f64>];
+
 /// Nodes per chunk. Fewer nodes than this are not worth waking another thread for.
-const CHUNK: usize = 8192;
+const CHUNK: usize = 4096;
 
 /// Sum of `a . b` over all nodes.
 pub(crate) fn dot(a: &[Vector3<f64>], b: &[Vector3<f64>]) -> f64 {
@@ -28,13 +31,17 @@ pub(crate) fn dot(a: &[Vector3<f64>], b: &[Vector3<f64>]) -> f64 {
 
 /// Euclidean norm over all nodes, safe against overflow and underflow of the squares.
 pub(crate) fn norm(a: &[Vector3<f64>]) -> f64 {
+    safe_root(dot(a, a), a)
+}
+
+/// The norm of a vector from the sum of its squares, which is not trusted where it may have over- or underflowed.
+fn safe_root(square: f64, a: &[Vector3<f64>]) -> f64 {
+    if square.is_normal() && square < 1e300 && square > 1e-280 {
+        return square.sqrt();
+    }
     let largest = max_norm(a);
     if largest == 0.0 || !largest.is_finite() {
         return largest;
-    }
-    let square = dot(a, a);
-    if square.is_normal() && square < 1e300 && square > 1e-280 {
-        return square.sqrt();
     }
     let scale = 1.0 / largest;
     let sum: f64 = a.iter().map(|v| (v * scale).norm_squared()).sum();
@@ -70,10 +77,76 @@ pub(crate) fn axpy(a: f64, x: &[Vector3<f64>], y: &mut [Vector3<f64>]) {
     update(y, x, |y, x| *y += x * a);
 }
 
+/// `y += a x`, and then the Euclidean norm of `y`.
+pub(crate) fn axpy_norm(a: f64, x: &[Vector3<f64>], y: &mut [Vector3<f64>]) -> f64 {
+    let chunk = |(y, x): (&mut [Vector3<f64>], &[Vector3<f64>])| -> f64 {
+        let mut sum = 0.0;
+        for (y, x) in y.iter_mut().zip(x) {
+            *y += x * a;
+            sum += y.norm_squared();
+        }
+        sum
+    };
+    let square: f64 = if y.len() <= CHUNK {
+        chunk((y, x))
+    } else {
+        let parts = y.par_chunks_mut(CHUNK).zip(x.par_chunks(CHUNK));
+        let partial: Vec<f64> = parts.map(chunk).collect();
+        partial.iter().sum()
+    };
+    safe_root(square, y)
+}
+
+/// `y += a x`, and then the sum of `y . z`; zero without a z.
+pub(crate) fn axpy_dot(
+    a: f64,
+    x: &[Vector3<f64>],
+    y: &mut [Vector3<f64>],
+    z: Option<&[Vector3<f64>]>,
+) -> f64 {
+    let Some(z) = z else {
+        axpy(a, x, y);
+        return 0.0;
+    };
+    let chunk = |((y, x), z): ((&mut Part, &Part), &Part)| -> f64 {
+        let mut sum = 0.0;
+        for ((y, x), z) in y.iter_mut().zip(x).zip(z) {
+            *y += x * a;
+            sum += y.dot(z);
+        }
+        sum
+    };
+    if y.len() <= CHUNK {
+        return chunk(((y, x), z));
+    }
+    let partial: Vec<f64> = y
+        .par_chunks_mut(CHUNK)
+        .zip(x.par_chunks(CHUNK))
+        .zip(z.par_chunks(CHUNK))
+        .map(chunk)
+        .collect();
+    partial.iter().sum()
+}
+
 /// `out = x + a y`.
 pub(crate) fn add_scaled(x: &[Vector3<f64>], a: f64, y: &[Vector3<f64>], out: &mut [Vector3<f64>]) {
-    out.copy_from_slice(x);
-    axpy(a, y, out);
+    let chunk = |((out, x), y): ((&mut Part, &Part), &Part)| {
+        for ((out, x), y) in out.iter_mut().zip(x).zip(y) {
+            *out = x + y * a;
+        }
+    };
+    if out.len() <= CHUNK {
+        return chunk(((out, x), y));
+    }
+    out.par_chunks_mut(CHUNK)
+        .zip(x.par_chunks(CHUNK))
+        .zip(y.par_chunks(CHUNK))
+        .for_each(chunk);
+}
+
+/// `out = x - y`.
+pub(crate) fn difference(x: &[Vector3<f64>], y: &[Vector3<f64>], out: &mut [Vector3<f64>]) {
+    add_scaled(x, -1.0, y, out);
 }
 
 /// `x = x * a + y`.

@@ -109,9 +109,9 @@ pub fn solve(request: &SolveRequest) -> Result<SolveOutcome> {
     }
     let diagonal = extent(mesh.nodes()).norm();
     let options = SolveOptions {
-        stop: request.stop.unwrap_or(Stop::Accuracy(1e-5 * diagonal)),
         method: request.method,
         max_iterations: request.max_iterations,
+        ..SolveOptions::new(request.stop.unwrap_or(Stop::Accuracy(1e-5 * diagonal)))
     };
     // Not sooner: what is refused leaves no folder behind. Not later: a long solve must not end in a folder that cannot be written.
     let out = create_folder(&request.out)?;

@@ -15,19 +15,19 @@ mod tests;
 #[cfg(test)]
 mod timing;
 
-use super::Effect;
+use super::{CoarseView, Effect};
 use crate::constant::ConstantMatrix;
 use crate::spec::Parameters;
 use crate::vector::NodalVector;
 use block::{Block, LANES};
-use hex_mesh::{HexMesh, Quadrature};
+use hex_mesh::{HexMesh, Quadrature, QuadratureRule};
 use kernel::{
     Actuation, ActuationVjp, AddForces, EnergyGradient, HessianProduct, Linearisation, SampleLaw,
 };
 use linearise::Linearise;
 use nalgebra::Vector3;
-use plain::constant_blocks;
 pub use plain::deformation_gradients;
+use plain::{constant_blocks, deformation_gradient};
 use pulp::Arch;
 use rayon::prelude::*;
 use slabs::Slabs;
@@ -259,6 +259,41 @@ impl Effect for Elasticity {
                     self.arch.dispatch(ActuationVjp { rule, blocks, actuation, linearisation, u, z, out });
                 });
         });
+    }
+
+    fn coarsen(&self, view: &CoarseView) -> Box<dyn Effect> {
+        let grid = view.grid;
+        let count = grid.elements.len();
+        Box::new(Self::new(ElasticBody {
+            elements: grid.elements.clone(),
+            sizes: (0..count).map(|e| grid.size(e)).collect(),
+            weights: (0..count)
+                .map(|e| view.stiffness * grid.volume(e))
+                .collect(),
+            quadrature: Quadrature::Eight,
+            node_count: grid.node_count(),
+        }))
+    }
+
+    fn largest_diagonal(&self) -> f64 {
+        let of_element = |(size, weight): (&Vector3<f64>, &f64)| {
+            weight * size.iter().map(|h| 1.0 / (h * h)).sum::<f64>()
+        };
+        // Eight elements meet in a node, and each gives it a ninth of this sum.
+        let elements = self.body.sizes.iter().zip(&self.body.weights);
+        elements.map(of_element).fold(0.0, f64::max)
+    }
+
+    fn inverted_samples(&self, u: &[Vector3<f64>]) -> usize {
+        let gradients = QuadratureRule::new(self.body.quadrature).gradients(1.0);
+        // Edge lengths do not change the sign.
+        let elements = self.body.elements.par_iter().with_min_len(64);
+        let in_element = |nodes: &[u32; 8]| {
+            let x = nodes.map(|n| u[n as usize]);
+            let inverted = |g: &&[Vector3<f64>; 8]| deformation_gradient(&x, g).determinant() < 0.0;
+            gradients.iter().filter(inverted).count()
+        };
+        elements.map(in_element).sum()
     }
 
     fn projections(&self) -> u64 {

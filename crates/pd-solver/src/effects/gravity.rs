@@ -1,6 +1,6 @@
 //! Weight of the body: a constant force per node.
 
-use super::Effect;
+use super::{CoarseView, Effect};
 use crate::constant::ConstantMatrix;
 use crate::spec::Parameters;
 use crate::vector::NodalVector;
@@ -59,6 +59,14 @@ impl Effect for Gravity {
     fn parameter_vjp(&mut self, _u: &[Vector3<f64>], z: &[Vector3<f64>], out: &mut Parameters) {
         let weighted = self.masses.iter().zip(z).map(|(mass, z)| z * *mass);
         out.acceleration[self.slot] += weighted.sum::<Vector3<f64>>();
+    }
+
+    fn coarsen(&self, view: &CoarseView) -> Box<dyn Effect> {
+        Box::new(Self {
+            masses: view.transfer.restrict_scalars(&self.masses),
+            acceleration: self.acceleration,
+            slot: self.slot,
+        })
     }
 
     fn bytes(&self) -> usize {

@@ -2,10 +2,11 @@
 
 mod elasticity;
 mod gravity;
-mod springs;
+pub(crate) mod springs;
 
 use crate::constant::ConstantMatrix;
 use crate::error::SolverError;
+use crate::multigrid::{Grid, Transfer};
 use crate::spec::{EffectSpec, Parameters};
 use crate::vector::NodalVector;
 use elasticity::Elasticity;
@@ -14,6 +15,9 @@ use gravity::Gravity;
 use hex_mesh::HexMesh;
 use nalgebra::Vector3;
 use springs::Springs;
+
+/// Takes the nodes, the weights and the stiffness of a linear form.
+pub(crate) type FormVisitor<'a> = &'a mut dyn FnMut(&[u32], &[f64], f64);
 
 /// What an effect can contribute to a problem. Dispatch is once per batch, never inside a loop over elements.
 ///
@@ -38,6 +42,24 @@ pub(crate) trait Effect: Send + Sync {
     /// Adds `-(d gradient / d parameters)^T z` at the last linearisation, which was at `u` and these parameters.
     fn parameter_vjp(&mut self, u: &[Vector3<f64>], z: &[Vector3<f64>], out: &mut Parameters);
 
+    /// The same effect on a coarser grid, for the coarse-to-fine start. Parameters keep their places but for the actuation, which
+    /// has eight samples per coarse element.
+    fn coarsen(&self, view: &CoarseView) -> Box<dyn Effect>;
+
+    /// Calls `f` with nodes, weights and stiffness of every linear form `stiffness / 2 |weights . u|^2` in the Hessian that is
+    /// not elastic: what a preconditioner has to know of springs.
+    fn for_each_form(&self, _f: FormVisitor) {}
+
+    /// About the largest diagonal entry of the constant matrix, which makes roundoff comparable.
+    fn largest_diagonal(&self) -> f64 {
+        0.0
+    }
+
+    /// Samples with det F < 0 at `u`.
+    fn inverted_samples(&self, _u: &[Vector3<f64>]) -> usize {
+        0
+    }
+
     /// Local projections done by one evaluation.
     fn projections(&self) -> u64 {
         0
@@ -52,6 +74,14 @@ pub(crate) trait Effect: Send + Sync {
     fn bytes(&self) -> usize;
 }
 
+/// What an effect sees of the next coarser grid.
+pub(crate) struct CoarseView<'a> {
+    pub(crate) grid: &'a Grid,
+    pub(crate) transfer: &'a Transfer,
+    /// Energy per volume for a unit misfit.
+    pub(crate) stiffness: f64,
+}
+
 /// The batches of a list of effects, with the parameters at rest and the prescribed nodes.
 pub(crate) struct Batches {
     pub(crate) effects: Vec<Box<dyn Effect>>,
@@ -59,6 +89,8 @@ pub(crate) struct Batches {
     pub(crate) rest: Parameters,
     /// Nodes that a spring holds.
     pub(crate) anchored: Vec<u32>,
+    /// Energy per volume for a unit misfit.
+    pub(crate) elastic_stiffness: f64,
 }
 
 /// Turns what a scene lists into batches.
@@ -68,6 +100,7 @@ pub(crate) fn build(mesh: &HexMesh, specs: &[EffectSpec]) -> Result<Batches, Sol
         effects: Vec::new(),
         prescribed: Vec::new(),
         anchored: Vec::new(),
+        elastic_stiffness: 0.0,
         rest: Parameters {
             actuation: vec![[0.0; 6]; samples],
             prescribed: Vec::new(),
@@ -85,6 +118,7 @@ pub(crate) fn build(mesh: &HexMesh, specs: &[EffectSpec]) -> Result<Batches, Sol
                     let kind = spec.kind();
                     return Err(SolverError::DuplicateEffect { index, kind });
                 }
+                batches.elastic_stiffness = *stiffness;
                 batches
                     .effects
                     .push(Box::new(Elasticity::from_mesh(mesh, *stiffness)));

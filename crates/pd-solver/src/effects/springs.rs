@@ -1,6 +1,6 @@
 //! Zero-length springs from points of the body to targets.
 
-use super::{Effect, finite};
+use super::{CoarseView, Effect, FormVisitor, finite};
 use crate::constant::ConstantMatrix;
 use crate::error::SolverError;
 use crate::spec::{Parameters, SpringPoints};
@@ -55,6 +55,26 @@ impl Springs {
             targets,
             first,
         })
+    }
+
+    /// Springs of equal stiffness from linear forms over nodes; `rest` holds the positions of all nodes.
+    pub(crate) fn from_forms(
+        forms: Vec<(Vec<u32>, Vec<f64>)>,
+        stiffness: f64,
+        first: usize,
+        rest: &[Vector3<f64>],
+    ) -> Self {
+        let spring = |(nodes, weights)| Spring {
+            nodes,
+            weights,
+            stiffness,
+        };
+        let springs: Vec<Spring> = forms.into_iter().map(spring).collect();
+        Self {
+            targets: springs.iter().map(|s| s.point(rest)).collect(),
+            springs,
+            first,
+        }
     }
 
     /// Where the points are at rest: targets for which the springs pull nowhere.
@@ -157,6 +177,32 @@ impl Effect for Springs {
         for (i, s) in self.springs.iter().enumerate() {
             out.spring_targets[self.first + i] += s.point(z) * s.stiffness;
         }
+    }
+
+    fn coarsen(&self, view: &CoarseView) -> Box<dyn Effect> {
+        let springs = self.springs.iter().map(|s| {
+            let (nodes, weights) = view.transfer.restrict_form(&s.nodes, &s.weights);
+            Spring {
+                nodes,
+                weights,
+                stiffness: s.stiffness,
+            }
+        });
+        Box::new(Self {
+            springs: springs.collect(),
+            targets: self.targets.clone(),
+            first: self.first,
+        })
+    }
+
+    fn for_each_form(&self, f: FormVisitor) {
+        for s in &self.springs {
+            f(&s.nodes, &s.weights, s.stiffness);
+        }
+    }
+
+    fn largest_diagonal(&self) -> f64 {
+        self.springs.iter().map(|s| s.stiffness).fold(0.0, f64::max)
     }
 
     fn bytes(&self) -> usize {

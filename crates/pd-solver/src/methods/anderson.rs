@@ -2,11 +2,11 @@
 //! physics simulation"; Anderson 1965).
 
 use super::newton::newton_direction;
-use super::{Outcome, Target};
+use super::{Outcome, Preconditioner, Target, Workspace};
 use crate::krylov::LinearStatus;
 use crate::problem::Problem;
-use crate::solution::Status;
-use crate::vector::{NodalVector, add_scaled, axpy, dot, max_norm, norm, zeros};
+use crate::solution::{Estimate, Status};
+use crate::vector::{NodalVector, axpy, difference, dot, max_norm, norm, zeros};
 use nalgebra::{DMatrix, DVector};
 use std::collections::VecDeque;
 
@@ -118,15 +118,17 @@ impl Estimator {
     fn verify(
         &mut self,
         problem: &mut Problem,
+        constant: &mut dyn Preconditioner,
+        space: &mut Workspace,
         u: &NodalVector,
-        g: &NodalVector,
         estimate: f64,
     ) -> f64 {
-        let newton = newton_direction(problem, u, g, VERIFIED);
+        let newton = newton_direction(problem, constant, space, u, VERIFIED);
+        let step = max_norm(&space.direction);
         let length = match newton.status {
-            LinearStatus::Converged => max_norm(&newton.x),
+            LinearStatus::Converged => step,
             // Not near a minimum yet.
-            _ => 2.0 * estimate.max(max_norm(&newton.x)),
+            _ => 2.0 * estimate.max(step),
         };
         // A step of no length at all cannot be compared with.
         if estimate > 0.0 {
@@ -146,6 +148,8 @@ impl Estimator {
 /// confirms it or says how much too small it is.
 pub(crate) fn anderson(
     problem: &mut Problem,
+    constant: &mut dyn Preconditioner,
+    space: &mut Workspace,
     u: &mut NodalVector,
     target: &Target,
     max_iterations: usize,
@@ -154,7 +158,8 @@ pub(crate) fn anderson(
     // The last accepted point, its gradient and step, and the plain local/global result from it.
     let (mut last, mut last_gradient, mut last_step) = (u.clone(), zeros(n), zeros(n));
     let mut plain = zeros(n);
-    let (mut gradient, mut step, mut next) = (zeros(n), zeros(n), zeros(n));
+    let (mut step, mut next) = (zeros(n), zeros(n));
+    space.reserve(n);
     let mut history = History::default();
     let mut estimator = Estimator {
         lengths: VecDeque::new(),
@@ -163,16 +168,16 @@ pub(crate) fn anderson(
     let mut accepted: Option<(f64, f64)> = None;
     let mut iterations = 0;
     loop {
-        let mut energy = problem.evaluate(u, &mut gradient);
-        let mut gradient_norm = norm(&gradient);
+        let mut energy = problem.evaluate(u, &mut space.gradient);
+        let mut gradient_norm = norm(&space.gradient);
         if let Some((last_energy, last_norm)) = accepted {
             let level = energy <= last_energy + ENERGY_ROUNDOFF * last_energy.abs();
             if !(energy < last_energy || (level && gradient_norm < last_norm)) {
                 u.copy_from_slice(&plain);
-                energy = problem.evaluate(u, &mut gradient);
-                gradient_norm = norm(&gradient);
+                energy = problem.evaluate(u, &mut space.gradient);
+                gradient_norm = norm(&space.gradient);
             }
-            add_scaled(u, -1.0, &last, &mut next);
+            difference(u, &last, &mut next);
             estimator.push(max_norm(&next));
             iterations += 1;
         }
@@ -181,7 +186,7 @@ pub(crate) fn anderson(
             && target.is_met(gradient_norm, estimate)
             && let Some(length) = &mut estimate
         {
-            *length = estimator.verify(problem, u, &gradient, *length);
+            *length = estimator.verify(problem, constant, space, u, *length);
         }
         let outcome = |status| Outcome {
             status,
@@ -189,6 +194,7 @@ pub(crate) fn anderson(
             energy,
             gradient_norm,
             estimated_error: estimate,
+            estimate: estimate.map_or(Estimate::None, |_| Estimate::Extrapolation),
         };
         if !(energy.is_finite() && gradient_norm.is_finite()) {
             return outcome(Status::NotFinite);
@@ -199,25 +205,25 @@ pub(crate) fn anderson(
         if iterations == max_iterations {
             return outcome(Status::IterationLimit);
         }
-        problem.constant_solve(&gradient, &mut step);
-        add_scaled(u, -1.0, &step, &mut next);
+        constant.apply(&space.gradient, &mut step);
+        difference(u, &step, &mut next);
         if accepted.is_some() {
             history.push(n, |d| {
-                add_scaled(&gradient, -1.0, &last_gradient, &mut d.gradient);
-                add_scaled(&step, -1.0, &last_step, &mut d.step);
-                add_scaled(&next, -1.0, &plain, &mut d.result);
+                difference(&space.gradient, &last_gradient, &mut d.gradient);
+                difference(&step, &last_step, &mut d.step);
+                difference(&next, &plain, &mut d.result);
             });
         }
         accepted = Some((energy, gradient_norm));
         plain.copy_from_slice(&next);
-        if let Some(weights) = history.weights(&gradient) {
+        if let Some(weights) = history.weights(&space.gradient) {
             for (difference, weight) in history.differences.iter().zip(&weights) {
                 axpy(-weight, &difference.result, &mut next);
             }
         } else {
             history = History::default();
         }
-        std::mem::swap(&mut last_gradient, &mut gradient);
+        std::mem::swap(&mut last_gradient, &mut space.gradient);
         std::mem::swap(&mut last_step, &mut step);
         std::mem::swap(&mut last, u);
         std::mem::swap(u, &mut next);

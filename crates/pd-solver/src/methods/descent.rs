@@ -1,9 +1,9 @@
 //! What the methods with a line search share: where they stand, when they stop, and how they step.
 
-use super::{Outcome, Target};
+use super::{Outcome, Target, Workspace};
 use crate::problem::Problem;
-use crate::solution::Status;
-use crate::vector::{NodalVector, add_scaled, norm, zeros};
+use crate::solution::{Estimate, Status};
+use crate::vector::{NodalVector, add_scaled, norm};
 
 /// Sufficient decrease (Armijo).
 const ARMIJO: f64 = 1e-4;
@@ -12,29 +12,24 @@ const MAX_HALVINGS: usize = 25;
 /// Relative size of what roundoff does to an energy that is a sum over many samples.
 const ENERGY_ROUNDOFF: f64 = 1e-14;
 
-/// A state, its energy and gradient, and the state before it.
+/// A state by its energy and gradient; the vectors are in the workspace.
 pub(super) struct Descent {
-    pub(super) gradient: NodalVector,
     pub(super) gradient_norm: f64,
     energy: f64,
     iterations: usize,
-    /// After a step: the positions and the gradient before it.
-    pub(super) last: NodalVector,
-    pub(super) last_gradient: NodalVector,
 }
 
 impl Descent {
-    pub(super) fn start(problem: &mut Problem, u: &NodalVector) -> Self {
-        let n = problem.len();
-        let mut gradient = zeros(n);
-        let energy = problem.evaluate(u, &mut gradient);
+    pub(super) fn start(problem: &mut Problem, space: &mut Workspace, u: &NodalVector) -> Self {
+        space.reserve(problem.len());
+        let energy = match space.energy_at_start.take() {
+            Some(energy) => energy,
+            None => problem.evaluate(u, &mut space.gradient),
+        };
         Self {
-            gradient_norm: norm(&gradient),
-            gradient,
+            gradient_norm: norm(&space.gradient),
             energy,
             iterations: 0,
-            last: zeros(n),
-            last_gradient: zeros(n),
         }
     }
 
@@ -51,27 +46,28 @@ impl Descent {
         }
     }
 
-    /// Moves `u` against `direction`, whose product with the gradient is `slope`: halves the step until the energy falls enough;
-    /// where the fall drowns in roundoff, a smaller gradient is accepted instead. False, and `u` unchanged, when no step will do.
+    /// Moves `u` against the workspace's direction, whose product with the gradient is `slope`: halves the step until the energy
+    /// falls enough; where the fall drowns in roundoff, a smaller gradient is accepted instead. False, and `u` unchanged, when no
+    /// step will do.
     pub(super) fn step(
         &mut self,
         problem: &mut Problem,
+        space: &mut Workspace,
         u: &mut NodalVector,
-        direction: &NodalVector,
         slope: f64,
     ) -> bool {
         let mut length = 1.0;
         for _ in 0..=MAX_HALVINGS {
-            add_scaled(u, -length, direction, &mut self.last);
-            let energy = problem.evaluate(&self.last, &mut self.last_gradient);
+            add_scaled(u, -length, &space.direction, &mut space.last);
+            let energy = problem.evaluate(&space.last, &mut space.last_gradient);
             let decrease = energy <= self.energy - ARMIJO * length * slope;
             let roundoff = ENERGY_ROUNDOFF * self.energy.abs();
             let level = energy <= self.energy + roundoff && slope * length <= 1e3 * roundoff;
-            if decrease || (level && norm(&self.last_gradient) < self.gradient_norm) {
-                std::mem::swap(u, &mut self.last);
-                std::mem::swap(&mut self.gradient, &mut self.last_gradient);
+            if decrease || (level && norm(&space.last_gradient) < self.gradient_norm) {
+                std::mem::swap(u, &mut space.last);
+                std::mem::swap(&mut space.gradient, &mut space.last_gradient);
                 self.energy = energy;
-                self.gradient_norm = norm(&self.gradient);
+                self.gradient_norm = norm(&space.gradient);
                 self.iterations += 1;
                 return true;
             }
@@ -80,13 +76,14 @@ impl Descent {
         false
     }
 
-    pub(super) fn outcome(&self, status: Status, estimated_error: Option<f64>) -> Outcome {
+    pub(super) fn outcome(&self, status: Status, estimate: Option<(f64, Estimate)>) -> Outcome {
         Outcome {
             status,
             iterations: self.iterations,
             energy: self.energy,
             gradient_norm: self.gradient_norm,
-            estimated_error,
+            estimated_error: estimate.map(|(length, _)| length),
+            estimate: estimate.map_or(Estimate::None, |(_, kind)| kind),
         }
     }
 }

@@ -1,120 +1,247 @@
-//! L-BFGS whose initial Hessian is the constant matrix (Liu, Bouaziz, Kavan 2017).
+//! L-BFGS whose initial Hessian is a preconditioner: the constant matrix (Liu, Bouaziz, Kavan 2017), or a multigrid cycle on the
+//! projected Hessian that is built anew now and then.
 
 use super::descent::Descent;
-use super::newton::{REMAINS, newton_direction};
-use super::{Outcome, Target};
+use super::newton::newton_direction;
+use super::workspace::{HISTORY, Pair};
+use super::{Outcome, Preconditioner, Target, Workspace};
 use crate::krylov::LinearStatus;
 use crate::problem::Problem;
-use crate::solution::Status;
-use crate::vector::{NodalVector, add_scaled, axpy, dot, max_norm, norm, zeros};
-use std::collections::VecDeque;
+use crate::solution::{Estimate, Status};
+use crate::vector::{NodalVector, axpy_dot, difference, dot, max_norm, norm};
+use nalgebra::Vector3;
 
-/// Pairs kept; the usual choice for this kind of energy (Liu, Bouaziz, Kavan 2017 use 5).
-const HISTORY: usize = 10;
-/// Pairs that must be there before the direction says anything of the error: without them it is one local/global step, which
-/// underestimates the error by as much as that method is slow.
+/// Steps after which a preconditioner that follows the state is built anew.
+const REBUILD: usize = 10;
+/// What the length of a Newton step is multiplied by where there was cause for doubt: the curvature may change over it.
+const SAFETY: f64 = 2.0;
+/// Pairs that must be there before the direction says anything of the error. Without any, a direction by the constant matrix is one
+/// local/global step, which underestimates the error by as much as that method is slow; one by a cycle does not know yet where the
+/// true Hessian is softer than the projected one.
 const TRUSTED_HISTORY: usize = 3;
-/// Residual of the Newton step that verifies an error estimate.
+const TRUSTED_HISTORY_OF_CYCLE: usize = 2;
+/// Residual of the Newton step that verifies an error estimate. With a cycle it is taken where something is soft that the cycle
+/// does not know; only a small residual speaks for such directions.
 const VERIFIED: f64 = 0.2;
-struct Pair {
-    s: NodalVector,
-    y: NodalVector,
-    rho: f64,
-}
+const VERIFIED_BY_CYCLE: f64 = 0.02;
+/// How often a preconditioner is made safer before the method gives up.
+const STRENGTHENINGS: usize = 3;
+/// How many times longer than the direction the error before a step may be.
+const SHORT: f64 = 1.7;
+/// What a step may leave of the error whose estimate was its length. Measured on boxes from 8,000 to 250,000 elements at all
+/// tolerances, the error before a step is 1.0 to 1.7 times its length, and 0.1 to 0.4 times it after.
+const REMAINS: f64 = 0.6;
 
-/// The pairs of the last steps, newest last, and their two-loop recursion.
-#[derive(Default)]
+/// The pairs of the last steps in a ring.
 struct History {
-    pairs: VecDeque<Pair>,
+    /// Pairs pushed since the last clearing.
+    count: usize,
 }
 
 impl History {
-    /// `z = B^-1 g` with the quasi-Newton approximation B; `q` is scratch.
-    fn direction(
-        &self,
-        problem: &mut Problem,
-        g: &NodalVector,
-        q: &mut NodalVector,
-        z: &mut NodalVector,
-    ) {
-        q.copy_from_slice(g);
+    fn len(&self) -> usize {
+        self.count.min(HISTORY)
+    }
+
+    /// Places of the pairs in the ring, oldest first.
+    fn places(&self) -> impl DoubleEndedIterator<Item = usize> + use<> {
+        (self.count - self.len()..self.count).map(|i| i % HISTORY)
+    }
+
+    /// The place of the pair before that at `place`.
+    fn before(&self, place: usize) -> Option<usize> {
+        self.places().take_while(|&p| p != place).last()
+    }
+
+    /// The place of the pair after that at `place`.
+    fn after(&self, place: usize) -> Option<usize> {
+        self.places().skip_while(|&p| p != place).nth(1)
+    }
+
+    /// `direction = B^-1 gradient` with the quasi-Newton approximation B, by the two-loop recursion.
+    fn direction(&self, pre: &mut dyn Preconditioner, space: &mut Workspace) {
+        let Some(newest) = self.places().next_back() else {
+            return pre.apply(&space.gradient, &mut space.direction);
+        };
+        space.scratch.copy_from_slice(&space.gradient);
         let mut alphas = [0.0; HISTORY];
-        for (pair, alpha) in self.pairs.iter().zip(&mut alphas).rev() {
-            *alpha = pair.rho * dot(&pair.s, q);
-            axpy(-*alpha, &pair.y, q);
+        let mut product = dot(&space.history[newest].s, &space.scratch);
+        for place in self.places().rev() {
+            let pair = &space.history[place];
+            alphas[place] = pair.rho * product;
+            let next = self.before(place).map(|older| &space.history[older].s[..]);
+            product = axpy_dot(-alphas[place], &pair.y, &mut space.scratch, next);
         }
-        problem.constant_solve(q, z);
-        for (pair, alpha) in self.pairs.iter().zip(&alphas) {
-            let beta = pair.rho * dot(&pair.y, z);
-            axpy(alpha - beta, &pair.s, z);
+        pre.apply(&space.scratch, &mut space.direction);
+        let oldest = self.places().next().expect("there is a newest");
+        let mut product = dot(&space.history[oldest].y, &space.direction);
+        for place in self.places() {
+            let pair = &space.history[place];
+            let factor = alphas[place] - pair.rho * product;
+            let next = self.after(place).map(|newer| &space.history[newer].y[..]);
+            product = axpy_dot(factor, &pair.s, &mut space.direction, next);
         }
     }
 
-    /// Keeps a step `s` and its change of gradient `y`, unless their product is not safely positive.
-    fn push(&mut self, u: &NodalVector, u_new: &NodalVector, g: &NodalVector, g_new: &NodalVector) {
-        // The oldest pair's memory is used again.
-        let (mut s, mut y) = if self.pairs.len() == HISTORY {
-            let oldest = self.pairs.pop_front().expect("full");
-            (oldest.s, oldest.y)
-        } else {
-            (zeros(u.len()), zeros(u.len()))
-        };
-        add_scaled(u_new, -1.0, u, &mut s);
-        add_scaled(g_new, -1.0, g, &mut y);
-        let sy = dot(&s, &y);
-        if sy > f64::EPSILON * norm(&s) * norm(&y) {
-            let rho = 1.0 / sy;
-            self.pairs.push_back(Pair { s, y, rho });
+    /// Keeps the last step to `u`; false where its product with the change of the gradient is not safely positive.
+    fn push(&mut self, space: &mut Workspace, u: &[Vector3<f64>]) -> bool {
+        let place = self.count % HISTORY;
+        if space.history.len() <= place {
+            space.history.push(Pair::default());
         }
+        let pair = &mut space.history[place];
+        pair.reserve(u.len());
+        difference(u, &space.last, &mut pair.s);
+        difference(&space.gradient, &space.last_gradient, &mut pair.y);
+        let sy = dot(&pair.s, &pair.y);
+        let positive = sy > f64::EPSILON * norm(&pair.s) * norm(&pair.y);
+        if positive {
+            pair.rho = 1.0 / sy;
+            self.count += 1;
+        }
+        positive
+    }
+}
+
+/// Steps that the rate of convergence is measured over.
+const RATE_STEPS: usize = 3;
+/// Mean factor from one direction's length to the next above which convergence is called slow: some soft direction is not yet
+/// known to the preconditioner and the pairs, and may hide most of the error.
+const SLOW: f64 = 0.4;
+
+/// What is known of the error estimate while iterating.
+#[derive(Default)]
+struct Doubts {
+    /// The last step met negative curvature.
+    negative_curvature: bool,
+    /// Lengths of the last directions, newest first.
+    lengths: [Option<f64>; RATE_STEPS + 1],
+    /// Directions so far: where the first preconditioner did not suffice, convergence is slow as well.
+    seen: usize,
+}
+
+impl Doubts {
+    fn see(&mut self, length: f64) {
+        self.lengths.rotate_right(1);
+        self.lengths[0] = Some(length);
+        self.seen += 1;
+    }
+
+    /// Whether the length of the last direction may be taken for the error.
+    fn none(&self, problem: &Problem, u: &[Vector3<f64>], pre: &dyn Preconditioner) -> bool {
+        let [Some(last), before, ..] = self.lengths else {
+            return false;
+        };
+        let growing = before.is_some_and(|before| last > before);
+        let slowest = SLOW.powi(RATE_STEPS as i32);
+        let slow = self.lengths[RATE_STEPS].is_some_and(|first| last > slowest * first)
+            || self.seen > REBUILD;
+        let doubtful = !pre.tells_errors() || self.negative_curvature || growing || slow;
+        !doubtful && problem.inverted_samples(u) == 0
     }
 }
 
 pub(crate) fn lbfgs(
     problem: &mut Problem,
+    pre: &mut dyn Preconditioner,
+    space: &mut Workspace,
     u: &mut NodalVector,
     target: &Target,
     max_iterations: usize,
 ) -> Outcome {
-    let n = problem.len();
-    let mut descent = Descent::start(problem, u);
-    let (mut direction, mut scratch) = (zeros(n), zeros(n));
-    let mut history = History::default();
+    let mut descent = Descent::start(problem, space, u);
+    let mut history = History { count: 0 };
+    let mut doubts = Doubts::default();
     let mut estimate = None;
+    let (mut since_rebuild, mut strengthened) = (0, 0);
+    if descent.stop(target, max_iterations).is_none() {
+        pre.prepare(u);
+    }
     let status = loop {
         if let Some(status) = descent.stop(target, max_iterations) {
             break status;
         }
-        history.direction(problem, &descent.gradient, &mut scratch, &mut direction);
-        // The length of the direction estimates the error for free, but may be several times too small while the history
-        // still learns. A loose Newton step tells; it is taken, so nothing of it is lost.
+        history.direction(pre, space);
+        let mut length = max_norm(&space.direction);
+        doubts.see(length);
+        let enough = if pre.follows() {
+            TRUSTED_HISTORY_OF_CYCLE
+        } else {
+            TRUSTED_HISTORY
+        };
+        let trusted = history.len() >= enough;
         let mut verified = false;
-        if history.pairs.len() >= TRUSTED_HISTORY {
-            estimate = Some(max_norm(&direction));
-            if target.is_met(descent.gradient_norm, estimate) {
-                let newton = newton_direction(problem, u, &descent.gradient, VERIFIED);
-                let length = max_norm(&newton.x);
-                verified = newton.status == LinearStatus::Converged
-                    && target.is_met(descent.gradient_norm, Some(length));
-                estimate = Some(length);
-                direction = newton.x;
+        if trusted {
+            estimate = Some((length, Estimate::Direction));
+            if target.is_met(descent.gradient_norm, Some(length * SHORT)) {
+                verified = doubts.none(problem, u, pre);
+                if !verified {
+                    // A loose Newton step tells; it is taken, so nothing of it is lost.
+                    let residual = if pre.follows() {
+                        VERIFIED_BY_CYCLE
+                    } else {
+                        VERIFIED
+                    };
+                    let linear = newton_direction(problem, pre, space, u, residual);
+                    length = max_norm(&space.direction);
+                    verified = linear.status == LinearStatus::Converged
+                        && target.is_met(descent.gradient_norm, Some(length));
+                    estimate = Some((length * SAFETY, Estimate::NewtonStep));
+                }
             }
         }
-        let slope = dot(&descent.gradient, &direction);
-        if slope <= 0.0 {
-            break Status::Stalled;
-        }
-        if !descent.step(problem, u, &direction, slope) {
-            break if verified {
-                Status::Converged
+        let slope = dot(&space.gradient, &space.direction);
+        let stepped = slope > 0.0 && descent.step(problem, space, u, slope);
+        if !stepped {
+            if verified {
+                break Status::Converged;
+            }
+            // What is remembered misleads, or the preconditioner does: once more without, then with a safer one.
+            if history.count > 0 || since_rebuild > 0 {
+                history.count = 0;
+                since_rebuild = 0;
+                pre.rebuild(u);
+            } else if strengthened < STRENGTHENINGS && pre.strengthen() {
+                strengthened += 1;
             } else {
-                Status::Stalled
-            };
+                break Status::Stalled;
+            }
+            continue;
         }
-        history.push(&descent.last, u, &descent.last_gradient, &descent.gradient);
+        doubts.negative_curvature = !history.push(space, u);
         if verified {
-            estimate = estimate.map(|length| length * REMAINS);
+            estimate = estimate.map(|(length, kind)| (length * REMAINS, kind));
             break Status::Converged;
         }
+        since_rebuild += 1;
+        if pre.follows() && since_rebuild >= REBUILD {
+            pre.rebuild(u);
+            history.count = 0;
+            since_rebuild = 0;
+        }
     };
+    if status == Status::Converged
+        && target.accuracy.is_none()
+        && pre.follows()
+        && estimate.is_some()
+    {
+        estimate = Some(final_estimate(problem, pre, space, u, &doubts));
+    }
     descent.outcome(status, estimate)
+}
+
+/// The error after the last step.
+fn final_estimate(
+    problem: &mut Problem,
+    pre: &mut dyn Preconditioner,
+    space: &mut Workspace,
+    u: &[Vector3<f64>],
+    doubts: &Doubts,
+) -> (f64, Estimate) {
+    let last = doubts.lengths[0].unwrap_or(f64::INFINITY);
+    if doubts.none(problem, u, pre) {
+        return (last * REMAINS, Estimate::Direction);
+    }
+    newton_direction(problem, pre, space, u, VERIFIED_BY_CYCLE);
+    (max_norm(&space.direction) * SAFETY, Estimate::NewtonStep)
 }

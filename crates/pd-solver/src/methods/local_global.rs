@@ -1,9 +1,9 @@
 //! Local/global iteration: rotations first, then one solve with the constant matrix (Bouaziz et al. 2014).
 
-use super::{Outcome, Target};
+use super::{Outcome, Preconditioner, Target, Workspace};
 use crate::problem::Problem;
-use crate::solution::Status;
-use crate::vector::{NodalVector, axpy, max_norm, norm, zeros};
+use crate::solution::{Estimate, Status};
+use crate::vector::{NodalVector, axpy, max_norm, norm};
 
 /// `u <- u - K^-1 grad E(u)`. K majorises the Hessian everywhere (maths.md), so the energy never increases.
 ///
@@ -11,24 +11,26 @@ use crate::vector::{NodalVector, axpy, max_norm, norm, zeros};
 /// `step * rho / (1 - rho)`.
 pub(crate) fn local_global(
     problem: &mut Problem,
+    constant: &mut dyn Preconditioner,
+    space: &mut Workspace,
     u: &mut NodalVector,
     target: &Target,
     max_iterations: usize,
 ) -> Outcome {
-    let n = problem.len();
-    let (mut gradient, mut step) = (zeros(n), zeros(n));
+    space.reserve(problem.len());
     let mut last_length: Option<f64> = None;
     let mut estimate = None;
     let mut iterations = 0;
     loop {
-        let energy = problem.evaluate(u, &mut gradient);
-        let gradient_norm = norm(&gradient);
+        let energy = problem.evaluate(u, &mut space.gradient);
+        let gradient_norm = norm(&space.gradient);
         let outcome = |status| Outcome {
             status,
             iterations,
             energy,
             gradient_norm,
             estimated_error: estimate,
+            estimate: estimate.map_or(Estimate::None, |_| Estimate::Extrapolation),
         };
         if !(energy.is_finite() && gradient_norm.is_finite()) {
             return outcome(Status::NotFinite);
@@ -39,9 +41,9 @@ pub(crate) fn local_global(
         if iterations == max_iterations {
             return outcome(Status::IterationLimit);
         }
-        problem.constant_solve(&gradient, &mut step);
-        axpy(-1.0, &step, u);
-        let length = max_norm(&step);
+        constant.apply(&space.gradient, &mut space.direction);
+        axpy(-1.0, &space.direction, u);
+        let length = max_norm(&space.direction);
         estimate = last_length.map(|last| {
             let rate = (length / last).min(0.999);
             length * (rate / (1.0 - rate)).max(1.0)

@@ -1,16 +1,42 @@
-//! The methods, one per file, behind one signature.
+//! The methods, one per file, behind one signature: a problem, a preconditioner, vectors to work in, and a start.
 
 mod anderson;
+pub(crate) mod coarse_to_fine;
 mod descent;
 mod lbfgs;
 mod local_global;
 mod newton;
+mod workspace;
 
-use crate::solution::Status;
+use crate::solution::{Estimate, Status};
+use crate::vector::NodalVector;
 pub(crate) use anderson::anderson;
 pub(crate) use lbfgs::lbfgs;
 pub(crate) use local_global::local_global;
+use nalgebra::Vector3;
 pub(crate) use newton::newton;
+pub(crate) use workspace::{KrylovSpace, Workspace};
+
+/// An approximate inverse of the Hessian over the free nodes, symmetric and positive definite.
+pub(crate) trait Preconditioner {
+    /// `z = M^-1 r`, zero at prescribed nodes.
+    fn apply(&mut self, r: &[Vector3<f64>], z: &mut NodalVector);
+
+    /// Whether it is built at a state, or the same for all.
+    fn follows(&self) -> bool;
+
+    /// Whether it is so near the Hessian that the length of its directions tells the error.
+    fn tells_errors(&self) -> bool;
+
+    /// Makes sure that it is built at a state near `u`.
+    fn prepare(&mut self, u: &[Vector3<f64>]);
+
+    /// Builds it at `u`.
+    fn rebuild(&mut self, u: &[Vector3<f64>]);
+
+    /// Makes it safer after it was found not to be positive definite; false where that is not possible.
+    fn strengthen(&mut self) -> bool;
+}
 
 /// When a method may stop: at an estimated error in length units, or at a gradient norm; the gradient norm is never zero.
 pub(crate) struct Target {
@@ -36,4 +62,5 @@ pub(crate) struct Outcome {
     pub(crate) energy: f64,
     pub(crate) gradient_norm: f64,
     pub(crate) estimated_error: Option<f64>,
+    pub(crate) estimate: Estimate,
 }

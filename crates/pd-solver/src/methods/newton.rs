@@ -1,63 +1,80 @@
 //! Newton's method on the true Hessian: conjugate gradients that stop at negative curvature, and a line search.
 
 use super::descent::Descent;
-use super::{Outcome, Target};
-use crate::krylov::{LinearSolution, conjugate_gradients};
+use super::{Outcome, Preconditioner, Target, Workspace};
+use crate::krylov::{LinearSolution, System, conjugate_gradients};
 use crate::problem::Problem;
-use crate::solution::Status;
+use crate::solution::{Estimate, Status};
 use crate::vector::{NodalVector, dot, max_norm};
+use nalgebra::Vector3;
 
 /// Iterations of conjugate gradients per step.
 const MAX_INNER: usize = 500;
 /// The linear solve is never looser than this, so that a step is a fair estimate of the error before it.
 const LOOSEST: f64 = 0.1;
 /// Share of a step's length that is reported as the error after it.
-pub(super) const REMAINS: f64 = 0.3;
+const REMAINS: f64 = 0.3;
 
-/// Solves `H d = gradient` at `u` to a relative residual, so that `u - d` is the minimum of the quadratic model.
+/// Solves `H d = gradient` at `u` to a relative residual, so that `u - d` is the minimum of the quadratic model; the gradient and
+/// the direction are the workspace's.
 pub(super) fn newton_direction(
     problem: &mut Problem,
-    u: &NodalVector,
-    gradient: &NodalVector,
+    pre: &mut dyn Preconditioner,
+    space: &mut Workspace,
+    u: &[Vector3<f64>],
     tolerance: f64,
 ) -> LinearSolution {
     problem.linearise(u);
-    conjugate_gradients(problem, gradient, tolerance, MAX_INNER)
+    space.krylov.reserve(u.len());
+    let mut system = System { problem, pre };
+    let solution = conjugate_gradients(
+        &mut system,
+        &space.gradient,
+        &mut space.krylov,
+        false,
+        tolerance,
+        MAX_INNER,
+    );
+    std::mem::swap(&mut space.direction, &mut space.krylov.x);
+    solution
 }
 
 pub(crate) fn newton(
     problem: &mut Problem,
+    pre: &mut dyn Preconditioner,
+    space: &mut Workspace,
     u: &mut NodalVector,
     target: &Target,
     max_iterations: usize,
 ) -> Outcome {
-    let mut descent = Descent::start(problem, u);
+    let mut descent = Descent::start(problem, space, u);
     let start_norm = descent.gradient_norm;
     let mut estimate = None;
     let status = loop {
         if let Some(status) = descent.stop(target, max_iterations) {
             break status;
         }
+        pre.prepare(u);
         // Superlinear convergence near the end, no waste far from it (Eisenstat and Walker 1996).
         let tolerance = LOOSEST.min((descent.gradient_norm / start_norm).sqrt());
-        let direction = newton_direction(problem, u, &descent.gradient, tolerance).x;
-        let length = max_norm(&direction);
-        let slope = dot(&descent.gradient, &direction);
+        newton_direction(problem, pre, space, u, tolerance);
+        let length = max_norm(&space.direction);
+        let slope = dot(&space.gradient, &space.direction);
         if slope <= 0.0 || !slope.is_finite() {
             break Status::Stalled;
         }
-        if !descent.step(problem, u, &direction, slope) {
+        if !descent.step(problem, space, u, slope) {
             // Not even a tiny part of an exact Newton step helps: the step itself says how far the minimum is.
             if target.is_met(descent.gradient_norm, Some(length)) {
-                estimate = Some(length);
+                estimate = Some((length, Estimate::NewtonStep));
                 break Status::Converged;
             }
             break Status::Stalled;
         }
         // What remains after the step is what the linear solve left and what the curvature of the energy adds; the second is
         // not known, so no step counts for more than a reduction by REMAINS.
-        estimate = Some(length * REMAINS);
-        if target.is_met(descent.gradient_norm, estimate) {
+        estimate = Some((length * REMAINS, Estimate::NewtonStep));
+        if target.is_met(descent.gradient_norm, estimate.map(|(length, _)| length)) {
             break Status::Converged;
         }
     };

@@ -1,0 +1,243 @@
+//! The assembled operator of a coarse level: 3x3 blocks by diagonals, sixteen rows side by side.
+//!
+//! Rows that follow one another in memory mostly have neighbours that follow one another too, at the same distances. A block of
+//! sixteen rows therefore holds a list of distances, and for each the nine entries of all its rows: on a full grid 27 of them.
+
+use super::element_matrix::{BLOCKS, ElementMatrix};
+use super::grid::Grid;
+use super::layout::{LANES, Lanes, Layout, for_parts, load, over_slabs};
+use pulp::{Arch, Simd, WithSimd};
+use std::ops::Range;
+
+/// The entries of sixteen rows at one distance.
+struct Diagonal {
+    /// Slot of the column of lane 0, x component. Lanes without an entry read what lies there and multiply it by zero.
+    column: u32,
+    /// Distance between the components of the columns.
+    step: u32,
+}
+
+pub(super) struct Stencil {
+    starts: Vec<usize>,
+    parallel: bool,
+    /// First block of each plane, and the end.
+    plane_blocks: Vec<usize>,
+    /// First diagonal of each block, and the end.
+    block_diagonals: Vec<usize>,
+    diagonals: Vec<Diagonal>,
+    /// Nine entries per diagonal.
+    entries: Vec<Lanes>,
+    /// Where the entry (x, x) of each pair of corners of each element goes: index among all numbers of `entries`.
+    targets: Vec<[u32; 64]>,
+    /// The same for the diagonal block of every node.
+    own: Vec<u32>,
+    /// Elements between each two planes.
+    slabs: Vec<Range<usize>>,
+    /// Where the entries of each plane start, and the end.
+    entry_starts: Vec<usize>,
+    arch: Arch,
+}
+
+impl Stencil {
+    /// The pattern of a grid's operator; all entries zero.
+    pub(super) fn new(grid: &Grid, layout: &Layout) -> Self {
+        let mut plane_blocks = vec![0];
+        for plane in 0..layout.planes() {
+            plane_blocks.push(plane_blocks[plane] + layout.step(plane) / LANES);
+        }
+        let blocks = plane_blocks[layout.planes()];
+        let block_of = |node: u32| -> (usize, u32) {
+            let plane = grid.places[node as usize][0] as usize;
+            let slot = layout.slots[node as usize] as usize - layout.starts[plane];
+            (plane_blocks[plane] + slot / LANES, (slot % LANES) as u32)
+        };
+        // Columns relative to lane 0 are shifted so that they are never negative.
+        let mut columns: Vec<Vec<(u32, u32)>> = vec![Vec::new(); blocks];
+        let pairs = |nodes: &[u32; 8], pair: usize| (nodes[pair / 8], nodes[pair % 8]);
+        let column = |row_lane: u32, node: u32| -> (u32, u32) {
+            let [x, y, _] = layout.components(node as usize);
+            (x as u32 - row_lane, (y - x) as u32)
+        };
+        for nodes in &grid.elements {
+            for pair in 0..64 {
+                let (row, node) = pairs(nodes, pair);
+                let (block, lane) = block_of(row);
+                let wanted = column(lane, node);
+                if !columns[block].contains(&wanted) {
+                    columns[block].push(wanted);
+                }
+            }
+        }
+        let mut block_diagonals = vec![0];
+        let mut diagonals = Vec::new();
+        for list in &mut columns {
+            list.sort_unstable();
+            diagonals.extend(list.iter().map(|&(column, step)| Diagonal { column, step }));
+            block_diagonals.push(diagonals.len());
+        }
+        let target = |row: u32, node: u32| -> u32 {
+            let (block, lane) = block_of(row);
+            let wanted = column(lane, node);
+            let found = columns[block]
+                .binary_search(&wanted)
+                .expect("in the pattern");
+            ((block_diagonals[block] + found) * 9 * LANES) as u32 + lane
+        };
+        let targets = grid
+            .elements
+            .iter()
+            .map(|nodes| {
+                std::array::from_fn(|pair| {
+                    let (row, node) = pairs(nodes, pair);
+                    target(row, node)
+                })
+            })
+            .collect();
+        let own = (0..grid.node_count() as u32)
+            .map(|n| target(n, n))
+            .collect();
+        let mut slabs = Vec::new();
+        let mut first = 0;
+        for plane in 0..layout.planes() - 1 {
+            let in_slab = |cell: &[u32; 3]| cell[0] as usize == plane;
+            let count = grid.cells[first..]
+                .iter()
+                .take_while(|c| in_slab(c))
+                .count();
+            slabs.push(first..first + count);
+            first += count;
+        }
+        let of_plane = |&block: &usize| block_diagonals[block] * 9;
+        Self {
+            starts: layout.starts.clone(),
+            parallel: layout.parallel(),
+            entry_starts: plane_blocks.iter().map(of_plane).collect(),
+            plane_blocks,
+            entries: vec![[0.0; LANES]; diagonals.len() * 9],
+            block_diagonals,
+            diagonals,
+            targets,
+            own,
+            slabs,
+            arch: Arch::new(),
+        }
+    }
+
+    /// Sets the entries to the sum of the elements' matrices.
+    pub(super) fn assemble(&mut self, matrices: &[ElementMatrix]) {
+        let mut entries = std::mem::take(&mut self.entries);
+        entries.fill([0.0; LANES]);
+        let this = &*self;
+        over_slabs(
+            &this.entry_starts,
+            &mut entries,
+            this.parallel,
+            |slab, part| {
+                let part = part.as_flattened_mut();
+                let first = this.entry_starts[slab] * LANES;
+                for element in this.slabs[slab].clone() {
+                    let matrix = &matrices[element];
+                    for (pair, &target) in this.targets[element].iter().enumerate() {
+                        let (n, m) = (pair / 8, pair % 8);
+                        let place = &mut part[target as usize - first..][..8 * LANES + 1];
+                        for (block, (i, j)) in matrix.iter().zip(BLOCKS) {
+                            place[(3 * i + j) * LANES] += block[n][m];
+                            if i != j {
+                                place[(3 * j + i) * LANES] += block[m][n];
+                            }
+                        }
+                    }
+                }
+            },
+        );
+        self.entries = entries;
+    }
+
+    /// The diagonal block of a node: six entries of a symmetric matrix.
+    pub(super) fn diagonal(&self, node: usize) -> [f32; 6] {
+        let first = self.own[node] as usize;
+        BLOCKS.map(|(i, j)| self.entries.as_flattened()[first + (3 * i + j) * LANES])
+    }
+
+    /// Calls `f(row node, column node, row component, column component, value)` for all entries among an element's corners.
+    pub(super) fn for_each_entry(
+        &self,
+        grid: &Grid,
+        mut f: impl FnMut(u32, u32, usize, usize, f32),
+    ) {
+        let entries = self.entries.as_flattened();
+        for (nodes, targets) in grid.elements.iter().zip(&self.targets) {
+            for (pair, &target) in targets.iter().enumerate() {
+                for entry in 0..9 {
+                    let value = entries[target as usize + entry * LANES];
+                    f(
+                        nodes[pair / 8],
+                        nodes[pair % 8],
+                        entry / 3,
+                        entry % 3,
+                        value,
+                    );
+                }
+            }
+        }
+    }
+
+    /// `y = A x`, prescribed rows included.
+    pub(super) fn apply(&self, x: &[f32], y: &mut [f32]) {
+        for_parts(y, &self.starts, self.parallel, &|plane, y: &mut [f32]| {
+            self.arch.dispatch(Product {
+                stencil: self,
+                blocks: self.plane_blocks[plane]..self.plane_blocks[plane + 1],
+                x,
+                y,
+            });
+        });
+    }
+}
+
+/// The rows of one plane.
+struct Product<'a> {
+    stencil: &'a Stencil,
+    blocks: Range<usize>,
+    x: &'a [f32],
+    y: &'a mut [f32],
+}
+
+impl WithSimd for Product<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) {
+        let stencil = self.stencil;
+        let step = self.y.len() / 3;
+        for (row, block) in self.blocks.enumerate() {
+            let range = stencil.block_diagonals[block]..stencil.block_diagonals[block + 1];
+            let entries = &stencil.entries[range.start * 9..range.end * 9];
+            for shift in (0..LANES).step_by(S::F32_LANES) {
+                let mut sums = [simd.splat_f32s(0.0); 3];
+                let mut more = sums;
+                let diagonals = stencil.diagonals[range.clone()].iter();
+                for (d, e) in diagonals.zip(entries.as_chunks::<9>().0) {
+                    let at = d.column as usize + shift;
+                    let step = d.step as usize;
+                    let x = [
+                        load::<S>(self.x, at),
+                        load::<S>(self.x, at + step),
+                        load::<S>(self.x, at + 2 * step),
+                    ];
+                    for i in 0..3 {
+                        let e = &e[3 * i..3 * i + 3];
+                        sums[i] = simd.mul_add_e_f32s(load::<S>(&e[0], shift), x[0], sums[i]);
+                        more[i] = simd.mul_add_e_f32s(load::<S>(&e[1], shift), x[1], more[i]);
+                        sums[i] = simd.mul_add_e_f32s(load::<S>(&e[2], shift), x[2], sums[i]);
+                    }
+                }
+                for i in 0..3 {
+                    let at = i * step + row * LANES + shift;
+                    let place = &mut self.y[at..at + S::F32_LANES];
+                    S::as_mut_simd_f32s(place).0[0] = simd.add_f32s(sums[i], more[i]);
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,94 @@
+//! The two preconditioners of the body itself: the factored constant matrix, and the multigrid cycle.
+
+use crate::constant::ConstantSystem;
+use crate::methods::Preconditioner;
+use crate::multigrid::Multigrid;
+use crate::vector::NodalVector;
+use nalgebra::Vector3;
+
+/// How far a node may be from where it was when the cycle was built, in edges of an element, for the cycle to be used as it is.
+const NEAR: f64 = 0.5;
+
+/// Share of elements without a neighbour on either side along some axis above which a body counts as thin.
+const THIN: f64 = 0.1;
+
+impl Preconditioner for ConstantSystem {
+    fn apply(&mut self, r: &[Vector3<f64>], z: &mut NodalVector) {
+        self.solve(r, z);
+    }
+
+    fn follows(&self) -> bool {
+        false
+    }
+
+    fn tells_errors(&self) -> bool {
+        false
+    }
+
+    fn prepare(&mut self, _u: &[Vector3<f64>]) {}
+
+    fn rebuild(&mut self, _u: &[Vector3<f64>]) {}
+
+    fn strengthen(&mut self) -> bool {
+        false
+    }
+}
+
+/// The multigrid of a body, and where its finest level was built.
+pub(crate) struct Cycle {
+    pub(crate) multigrid: Multigrid,
+    built_at: NodalVector,
+    element_size: f64,
+    /// Much of the body is one element thick. It bends by modes that the cycle sees only as constant stiffness, several times too
+    /// stiff.
+    thin: bool,
+}
+
+impl Cycle {
+    pub(crate) fn new(multigrid: Multigrid, element_size: f64) -> Self {
+        Self {
+            thin: multigrid.hierarchy().grids[0].thin_share() > THIN,
+            multigrid,
+            built_at: Vec::new(),
+            element_size,
+        }
+    }
+
+    /// Says that the coarse levels were built for something else since.
+    pub(crate) fn forget(&mut self) {
+        self.built_at.clear();
+    }
+}
+
+impl Preconditioner for Cycle {
+    fn apply(&mut self, r: &[Vector3<f64>], z: &mut NodalVector) {
+        self.multigrid.apply(0, r, z);
+    }
+
+    fn follows(&self) -> bool {
+        true
+    }
+
+    fn tells_errors(&self) -> bool {
+        !self.thin
+    }
+
+    fn prepare(&mut self, u: &[Vector3<f64>]) {
+        let limit = NEAR * self.element_size;
+        let near = |(a, b): (&Vector3<f64>, &Vector3<f64>)| (a - b).norm_squared() <= limit * limit;
+        if self.built_at.len() != u.len() || !self.built_at.iter().zip(u).all(near) {
+            self.rebuild(u);
+        }
+    }
+
+    fn rebuild(&mut self, u: &[Vector3<f64>]) {
+        self.multigrid.build(0, u);
+        self.built_at.clear();
+        self.built_at.extend_from_slice(u);
+    }
+
+    fn strengthen(&mut self) -> bool {
+        self.multigrid.strengthen(0);
+        true
+    }
+}

@@ -1,0 +1,368 @@
+//! The multigrid methods on bodies that are large enough for them: minima, effects, gradients, warm starts.
+
+mod common;
+
+use common::{Numbers, difference, dot, elasticity, held, max_distance, nodes_where};
+use hex_mesh::{HexMesh, Quadrature};
+use nalgebra::Vector3;
+use pd_solver::{
+    Adjoint, AdjointOptions, AdjointStatus, EffectSpec, Estimate, Method, NodeSet, Parameters,
+    Solution, SolveOptions, Solver, SpringPoints, Status, Stop,
+};
+
+/// Cells of a box for which `keep` holds, as a body whose edges are one tenth.
+fn body(n: [i32; 3], keep: impl Fn([i32; 3]) -> bool) -> HexMesh {
+    let all =
+        (0..n[0]).flat_map(|x| (0..n[1]).flat_map(move |y| (0..n[2]).map(move |z| [x, y, z])));
+    let cells = all.filter(|&c| keep(c)).collect();
+    HexMesh::from_cells(cells, Vector3::zeros(), 0.1, Quadrature::Eight).unwrap()
+}
+
+/// Where a body is held.
+type Place = fn(&Vector3<f64>) -> bool;
+
+/// Bodies with odd extents, thin, bent, hollow and of two pieces, and where they are held.
+fn bodies() -> Vec<(&'static str, HexMesh, Place)> {
+    let wall: Place = |x| x.x == 0.0;
+    vec![
+        ("odd box", body([25, 5, 5], |_| true), wall),
+        ("odder box", body([17, 7, 9], |_| true), wall),
+        ("one thick", body([24, 1, 23], |_| true), wall),
+        ("one thick along x", body([1, 21, 24], |_| true), |x| {
+            x.y == 0.0
+        }),
+        ("L", body([17, 4, 17], |c| c[0] < 5 || c[2] < 5), |x| {
+            x.z > 1.65
+        }),
+        (
+            "hollow",
+            body([11, 11, 11], |c| c.iter().any(|&x| !(3..8).contains(&x))),
+            wall,
+        ),
+        ("two pieces", body([13, 8, 7], |c| c[0] != 6), |x| {
+            x.y == 0.0
+        }),
+    ]
+}
+
+/// Smooth bending and twisting over the whole body, as in the published benchmark of this problem.
+fn smooth(mesh: &HexMesh, solver: &Solver, amplitude: f64) -> Parameters {
+    let mut parameters = solver.rest_parameters();
+    let top = mesh
+        .nodes()
+        .iter()
+        .fold(Vector3::zeros(), |a: Vector3<f64>, x| a.sup(x));
+    for (b, x) in parameters.actuation.iter_mut().zip(mesh.sample_positions()) {
+        let c = x.component_div(&top);
+        let s = 0.3 * amplitude * (2.0 * c.z - 1.0);
+        let turn = std::f64::consts::TAU;
+        let shear = 0.05 * amplitude;
+        *b = [
+            s,
+            shear * (turn * c.x).sin(),
+            0.0,
+            -0.15 * s,
+            shear * (turn * c.y).cos(),
+            -0.5 * s,
+        ];
+    }
+    parameters
+}
+
+fn stop(relative: f64) -> SolveOptions {
+    SolveOptions::new(Stop::RelativeGradient(relative))
+}
+
+/// The start from coarse bodies leads to the minimum that a start from rest leads to.
+#[test]
+fn coarse_to_fine_finds_the_minimum_of_a_start_from_rest() {
+    for (name, mesh, hold) in bodies() {
+        let nodes = nodes_where(&mesh, hold);
+        let mut solver = Solver::new(&mesh, &[elasticity(), held(nodes)]).unwrap();
+        assert!(solver.levels().len() > 1, "{name}");
+        for amplitude in [0.5, 1.0] {
+            let parameters = smooth(&mesh, &solver, amplitude);
+            let coarse = solver.solve(&parameters, None, &stop(1e-9)).unwrap();
+            assert_eq!(coarse.status, Status::Converged, "{name}");
+            assert_eq!(coarse.stats.method, Method::Multigrid, "{name}");
+            assert!(
+                coarse.stats.coarse_iterations > 0 && !coarse.stats.fell_back,
+                "{name}"
+            );
+            let rest = solver.rest().to_vec();
+            for method in [Method::Multigrid, Method::Newton, Method::Lbfgs] {
+                let options = stop(1e-9).with_method(method);
+                let from_rest = solver.solve(&parameters, Some(&rest), &options).unwrap();
+                assert_eq!(from_rest.status, Status::Converged, "{name} {method:?}");
+                assert_eq!(from_rest.stats.coarse_iterations, 0);
+                let (a, b) = (coarse.stats.energy, from_rest.stats.energy);
+                assert!(
+                    (a - b).abs() < 1e-9 * b,
+                    "{name} {amplitude} {method:?}: {a:e} {b:e}"
+                );
+            }
+        }
+    }
+}
+
+/// Springs, weight, and held nodes that move and lie inside coarse elements: all methods agree.
+#[test]
+fn effects_are_carried_down() {
+    let mesh = body([12, 7, 9], |_| true);
+    let bone = nodes_where(&mesh, |x| (x - Vector3::new(0.35, 0.35, 0.45)).norm() < 0.2);
+    let tip = nodes_where(&mesh, |x| x.x > 1.15);
+    let tip_count = tip.len();
+    let effects = [
+        elasticity(),
+        held(bone),
+        EffectSpec::Springs {
+            points: SpringPoints::Nodes(NodeSet::Indices(tip)),
+            stiffness: 0.03,
+        },
+        EffectSpec::Gravity {
+            acceleration: [0.0, 0.0, -0.05],
+            density: 1.0,
+        },
+    ];
+    let mut solver = Solver::new(&mesh, &effects).unwrap();
+    let mut parameters = smooth(&mesh, &solver, 0.5);
+    let turn = nalgebra::Rotation3::from_euler_angles(0.1, 0.2, -0.1);
+    for x in &mut parameters.prescribed {
+        *x = turn * *x + Vector3::new(0.02, 0.0, 0.05);
+    }
+    for target in &mut parameters.spring_targets[..tip_count] {
+        *target += Vector3::new(0.1, 0.2, 0.0);
+    }
+    let reference = solver.solve(&parameters, None, &stop(1e-10)).unwrap();
+    assert_eq!(reference.stats.method, Method::Multigrid);
+    for method in [Method::Newton, Method::Lbfgs, Method::Anderson] {
+        let options = stop(1e-10).with_method(method);
+        let other = solver.solve(&parameters, None, &options).unwrap();
+        assert_eq!(other.status, Status::Converged, "{method:?}");
+        let away = max_distance(&reference.positions, &other.positions);
+        assert!(away < 1e-7, "{method:?}: {away:e}");
+    }
+}
+
+/// What is asked in length units is reached within what an estimate can promise, and the error is told truthfully.
+#[test]
+fn accuracy_is_reached_by_the_free_estimate() {
+    for (name, mesh, hold) in bodies() {
+        let nodes = nodes_where(&mesh, hold);
+        let mut solver = Solver::new(&mesh, &[elasticity(), held(nodes)]).unwrap();
+        let parameters = smooth(&mesh, &solver, 1.0);
+        let truth = solver.solve(&parameters, None, &stop(1e-11)).unwrap();
+        for accuracy in [1e-2, 1e-3, 1e-4, 1e-6] {
+            let options = SolveOptions::new(Stop::Accuracy(accuracy));
+            let solution = solver.solve(&parameters, None, &options).unwrap();
+            assert_eq!(solution.status, Status::Converged, "{name}");
+            let error = max_distance(&truth.positions, &solution.positions);
+            let estimate = solution.stats.estimated_error.expect("steps were made");
+            assert!(
+                error <= 1.5 * accuracy,
+                "{name}: asked {accuracy:e}, reached {error:e}"
+            );
+            assert!(
+                error <= 2.0 * estimate,
+                "{name}: estimated {estimate:e}, reached {error:e}"
+            );
+            let kind = solution.stats.estimate;
+            assert!(
+                matches!(kind, Estimate::Direction | Estimate::NewtonStep),
+                "{kind:?}"
+            );
+        }
+    }
+}
+
+fn at_equilibrium() -> (HexMesh, Solver, Parameters, Solution) {
+    let mesh = body([12, 6, 7], |_| true);
+    let wall = nodes_where(&mesh, |x| x.x == 0.0);
+    let mut solver = Solver::new(&mesh, &[elasticity(), held(wall)]).unwrap();
+    let parameters = smooth(&mesh, &solver, 0.7);
+    let at = solver.solve(&parameters, None, &stop(1e-12)).unwrap();
+    assert_eq!(at.status, Status::Converged);
+    (mesh, solver, parameters, at)
+}
+
+fn to(tolerance: f64) -> AdjointOptions {
+    AdjointOptions {
+        tolerance,
+        ..AdjointOptions::default()
+    }
+}
+
+/// Entries of the gradient against differences of full solves, both by multigrid.
+#[test]
+fn gradients_agree_with_differences_of_the_full_solve() {
+    let (mesh, mut solver, parameters, at) = at_equilibrium();
+    let weights = Numbers::new(5).vectors(mesh.nodes().len(), 1.0);
+    let adjoint = solver
+        .adjoint(&parameters, &at, &weights, &to(1e-12))
+        .unwrap();
+    assert_eq!(adjoint.status, AdjointStatus::Converged);
+    let gradient = adjoint.gradient.unwrap();
+    let scale = gradient
+        .actuation
+        .iter()
+        .flatten()
+        .fold(0.0f64, |a, b| a.max(b.abs()));
+    for (sample, entry) in [(0, 0), (1000, 3), (2500, 1), (4031, 5)] {
+        let slope = difference(2e-3, |t| {
+            let mut p = parameters.clone();
+            p.actuation[sample][entry] += t;
+            let solution = solver.solve(&p, Some(&at.positions), &stop(1e-13)).unwrap();
+            dot(&weights, &solution.positions)
+        });
+        let error = (slope - gradient.actuation[sample][entry]).abs() / scale;
+        assert!(error < 1e-7, "{sample}, {entry}: {error:e}");
+    }
+    let slope = difference(1e-3, |t| {
+        let mut p = parameters.clone();
+        p.prescribed[11].y += t;
+        let solution = solver.solve(&p, Some(&at.positions), &stop(1e-13)).unwrap();
+        dot(&weights, &solution.positions)
+    });
+    let scale = gradient
+        .prescribed
+        .iter()
+        .fold(0.0f64, |a, b| a.max(b.amax()));
+    assert!((slope - gradient.prescribed[11].y).abs() < 1e-7 * scale);
+}
+
+/// Several cotangents at once give what each gives alone; a start from an earlier multiplier saves iterations and does no harm.
+#[test]
+fn cotangents_together_and_warm() {
+    let (mesh, mut solver, parameters, at) = at_equilibrium();
+    let mut numbers = Numbers::new(9);
+    let cotangents: Vec<_> = (0..3)
+        .map(|_| numbers.vectors(mesh.nodes().len(), 1.0))
+        .collect();
+    let each: Vec<Adjoint> = cotangents
+        .iter()
+        .map(|c| solver.adjoint(&parameters, &at, c, &to(1e-10)).unwrap())
+        .collect();
+    let mut together = vec![Adjoint::default(); 3];
+    let slices: Vec<&[_]> = cotangents.iter().map(|c| &c[..]).collect();
+    solver
+        .adjoints_into(&parameters, &at, &slices, &to(1e-10), &mut together)
+        .unwrap();
+    for (a, b) in each.iter().zip(&together) {
+        assert_eq!(a.gradient, b.gradient);
+        assert_eq!(a.multiplier, b.multiplier);
+    }
+    let nearby: Vec<_> = cotangents[0].iter().map(|c| c * 1.01).collect();
+    let mut warm = each[0].clone();
+    let options = AdjointOptions {
+        warm_start: true,
+        ..to(1e-10)
+    };
+    solver
+        .adjoint_into(&parameters, &at, &nearby, &options, &mut warm)
+        .unwrap();
+    assert!(warm.stats.iterations < each[0].stats.iterations);
+    let away = max_distance(
+        &warm.multiplier,
+        &each[0]
+            .multiplier
+            .iter()
+            .map(|z| z * 1.01)
+            .collect::<Vec<_>>(),
+    );
+    let size = each[0]
+        .multiplier
+        .iter()
+        .fold(0.0f64, |a, z| a.max(z.norm()));
+    assert!(away < 1e-8 * size, "{away:e} of {size:e}");
+    // A multiplier of something else is no start, but does no harm either.
+    let mut strange = each[1].clone();
+    strange.multiplier.iter_mut().for_each(|z| *z *= 1e6);
+    solver
+        .adjoint_into(&parameters, &at, &cotangents[0], &options, &mut strange)
+        .unwrap();
+    assert_eq!(strange.multiplier, each[0].multiplier);
+}
+
+/// A solve may start where another one ended; it then needs fewer steps, no coarse body, and with `reuse` no new operators.
+#[test]
+fn warm_starts_skip_what_they_need_not_redo() {
+    let (_, mut solver, parameters, at) = at_equilibrium();
+    let mut changed = parameters.clone();
+    changed
+        .actuation
+        .iter_mut()
+        .flatten()
+        .for_each(|b| *b *= 1.01);
+    let cold = solver.solve(&changed, None, &stop(1e-6)).unwrap();
+    for reuse in [false, true] {
+        let before = solver.work();
+        let options = SolveOptions {
+            reuse,
+            ..stop(1e-6)
+        };
+        let warm = solver
+            .solve(&changed, Some(&at.positions), &options)
+            .unwrap();
+        let work = warm.stats.work;
+        assert_eq!(warm.status, Status::Converged);
+        assert!(warm.stats.iterations <= cold.stats.iterations);
+        assert_eq!(warm.stats.coarse_iterations, 0);
+        assert_eq!(
+            work.multigrid_builds - before.multigrid_builds,
+            u64::from(!reuse)
+        );
+        assert!((warm.stats.energy / cold.stats.energy - 1.0).abs() < 1e-8);
+    }
+}
+
+/// Solves repeated on one solver give the same bits, and so do any numbers of threads.
+#[test]
+fn the_same_bits_every_time_and_for_any_number_of_threads() {
+    let run = |threads| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads);
+        pool.build().unwrap().install(|| {
+            let mesh = body([16, 14, 15], |_| true);
+            let wall = nodes_where(&mesh, |x| x.x == 0.0);
+            let mut solver = Solver::new(&mesh, &[elasticity(), held(wall)]).unwrap();
+            let parameters = smooth(&mesh, &solver, 1.0);
+            let first = solver.solve(&parameters, None, &stop(1e-5)).unwrap();
+            let weights = Numbers::new(5).vectors(mesh.nodes().len(), 1.0);
+            let adjoint = solver
+                .adjoint(&parameters, &first, &weights, &to(1e-6))
+                .unwrap();
+            let other = smooth(&mesh, &solver, -0.8);
+            solver.solve(&other, None, &stop(1e-4)).unwrap();
+            let again = solver.solve(&parameters, None, &stop(1e-5)).unwrap();
+            assert_eq!(first.positions, again.positions);
+            (first.positions, adjoint.multiplier)
+        })
+    };
+    let one = run(1);
+    assert_eq!(one, run(2));
+    assert_eq!(one, run(3));
+}
+
+/// Far from anything smooth: independent random stretches in every sample, from mild to turning samples inside out.
+#[test]
+fn random_actuations_converge_or_say_so() {
+    let mesh = body([10, 8, 9], |_| true);
+    let wall = nodes_where(&mesh, |x| x.x == 0.0);
+    let mut solver = Solver::new(&mesh, &[elasticity(), held(wall)]).unwrap();
+    for (seed, strength) in [(1, 0.1), (2, 0.5), (3, 1.0), (4, 3.0)] {
+        let mut parameters = solver.rest_parameters();
+        parameters.actuation = Numbers::new(seed).actuation(parameters.actuation.len(), strength);
+        let solution = solver.solve(&parameters, None, &stop(1e-6)).unwrap();
+        assert!(
+            solution
+                .positions
+                .iter()
+                .all(|x| x.iter().all(|v| v.is_finite()))
+        );
+        if strength <= 1.0 {
+            assert_eq!(solution.status, Status::Converged, "{strength}");
+        }
+        let rest = solver.rest().to_vec();
+        let (at_rest, _) = solver.energy_gradient(&parameters, &rest).unwrap();
+        assert!(solution.stats.energy <= at_rest);
+    }
+}
