@@ -189,18 +189,20 @@ fn forward(
     args: &SolveArgs,
 ) -> Result<(Vec<f64>, Solution, Option<bool>)> {
     let options = args.forward();
-    let (first, mut solution) = timed(|| solver.solve(parameters, None, &options));
+    let mut solution = Solution::default();
+    let (first, done) = timed(|| solver.solve_into(parameters, None, &options, &mut solution));
+    done?;
     let mut seconds = vec![first];
+    let before = hash(&solution.positions);
     let mut repeatable = true;
     while again(&seconds, &args.repeat) {
-        let (time, next) = timed(|| solver.solve(parameters, None, &options));
-        let next = next?;
+        let (time, done) = timed(|| solver.solve_into(parameters, None, &options, &mut solution));
+        done?;
         seconds.push(time);
-        repeatable &= solution.is_ok_and(|before| before.positions == next.positions);
-        solution = Ok(next);
+        repeatable &= hash(&solution.positions) == before;
     }
     let repeatable = (seconds.len() > 1).then_some(repeatable);
-    Ok((seconds, solution?, repeatable))
+    Ok((seconds, solution, repeatable))
 }
 
 fn backward(
@@ -212,10 +214,12 @@ fn backward(
     let cotangent = random_cotangent(solution.positions.len(), solver.prescribed(), args.seed);
     let options = args.adjoint();
     let mut seconds = Vec::new();
+    let mut adjoint = Adjoint::default();
     loop {
-        let (time, adjoint) = timed(|| solver.adjoint(parameters, solution, &cotangent, &options));
+        let (time, done) =
+            timed(|| solver.adjoint_into(parameters, solution, &cotangent, &options, &mut adjoint));
+        done?;
         seconds.push(time);
-        let adjoint = adjoint?;
         if !again(&seconds, &args.repeat) {
             return Ok((seconds, adjoint));
         }

@@ -8,7 +8,7 @@ use crate::system;
 use crate::table::{print, row, say, seconds};
 use crate::timing::{again, median, timed};
 use clap::Args;
-use pd_solver::Status;
+use pd_solver::{Solution, SolveOptions, Status};
 use serde::Serialize;
 
 /// Options of `warm`.
@@ -66,19 +66,27 @@ pub fn run(args: &WarmArgs) -> Result<bool> {
     let grown = after.actuation.iter_mut().flatten();
     grown.for_each(|b| *b *= 1.0 + args.change);
     let options = args.solve.forward();
-    let start = solver.solve(&before, None, &options)?;
+    let mut start = Solution::default();
+    let (mut cold, mut warm) = (Solution::default(), Solution::default());
+    let reuse = SolveOptions {
+        reuse: true,
+        ..options
+    };
     let (mut all_cold_s, mut all_warm_s) = (Vec::new(), Vec::new());
     // One after the other, so that a change of the machine's mood meets both.
-    let (cold, warm) = loop {
-        let (seconds, cold) = timed(|| solver.solve(&after, None, &options));
+    loop {
+        let (seconds, done) = timed(|| solver.solve_into(&after, None, &options, &mut cold));
+        done?;
         all_cold_s.push(seconds);
-        let (seconds, warm) = timed(|| solver.solve(&after, Some(&start.positions), &options));
+        solver.solve_into(&before, None, &options, &mut start)?;
+        let from = Some(&start.positions[..]);
+        let (seconds, done) = timed(|| solver.solve_into(&after, from, &reuse, &mut warm));
+        done?;
         all_warm_s.push(seconds);
-        let pair = (cold?, warm?);
         if !again(&all_cold_s, &args.solve.repeat) {
-            break pair;
+            break;
         }
-    };
+    }
     let pairs = cold.positions.iter().zip(&warm.positions);
     let (cold_s, warm_s) = (median(&all_cold_s), median(&all_warm_s));
     let report = Report {

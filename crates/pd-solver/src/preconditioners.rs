@@ -25,7 +25,9 @@ impl Preconditioner for ConstantSystem {
         false
     }
 
-    fn prepare(&mut self, _u: &[Vector3<f64>]) {}
+    fn prepare(&mut self, _u: &[Vector3<f64>]) -> bool {
+        true
+    }
 
     fn rebuild(&mut self, _u: &[Vector3<f64>]) {}
 
@@ -73,12 +75,14 @@ impl Preconditioner for Cycle {
         !self.thin
     }
 
-    fn prepare(&mut self, u: &[Vector3<f64>]) {
+    fn prepare(&mut self, u: &[Vector3<f64>]) -> bool {
         let limit = NEAR * self.element_size;
         let near = |(a, b): (&Vector3<f64>, &Vector3<f64>)| (a - b).norm_squared() <= limit * limit;
-        if self.built_at.len() != u.len() || !self.built_at.iter().zip(u).all(near) {
+        let far = self.built_at.len() != u.len() || !self.built_at.iter().zip(u).all(near);
+        if far {
             self.rebuild(u);
         }
+        far
     }
 
     fn rebuild(&mut self, u: &[Vector3<f64>]) {

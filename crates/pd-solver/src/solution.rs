@@ -72,8 +72,8 @@ pub struct SolveOptions {
     pub method: Method,
     /// Limit of iterations over all methods that are tried.
     pub max_iterations: usize,
-    /// With a start: use the preconditioner of the solver's last call as it is where that was built nearby. Saves its building; in
-    /// exchange the result depends, within its accuracy, on the calls before.
+    /// With a start: use the preconditioner of the solver's last call, and what was learnt with it, as they are where that was built
+    /// nearby. Saves its building and steps; in exchange the result depends, within its accuracy, on the calls before.
     pub reuse: bool,
 }
 

@@ -43,8 +43,9 @@ impl Preconditioner for AtLevel<'_> {
         true
     }
 
-    fn prepare(&mut self, u: &[Vector3<f64>]) {
+    fn prepare(&mut self, u: &[Vector3<f64>]) -> bool {
         self.rebuild(u);
+        true
     }
 
     fn rebuild(&mut self, u: &[Vector3<f64>]) {

@@ -154,8 +154,9 @@ pub(crate) fn lbfgs(
     let mut doubts = Doubts::default();
     let mut estimate = None;
     let (mut since_rebuild, mut strengthened) = (0, 0);
-    if descent.stop(target, max_iterations).is_none() {
-        pre.prepare(u);
+    if descent.stop(target, max_iterations).is_none() && !pre.prepare(u) {
+        // What was learnt with this preconditioner is still about true.
+        history.count = space.pairs;
     }
     let status = loop {
         if let Some(status) = descent.stop(target, max_iterations) {
@@ -227,6 +228,7 @@ pub(crate) fn lbfgs(
     {
         estimate = Some(final_estimate(problem, pre, space, u, &doubts));
     }
+    space.pairs = history.count;
     descent.outcome(status, estimate)
 }
 

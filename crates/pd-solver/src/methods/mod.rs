@@ -28,8 +28,8 @@ pub(crate) trait Preconditioner {
     /// Whether it is so near the Hessian that the length of its directions tells the error.
     fn tells_errors(&self) -> bool;
 
-    /// Makes sure that it is built at a state near `u`.
-    fn prepare(&mut self, u: &[Vector3<f64>]);
+    /// Makes sure that it is built at a state near `u`. False where it already was, for an earlier solve.
+    fn prepare(&mut self, u: &[Vector3<f64>]) -> bool;
 
     /// Builds it at `u`.
     fn rebuild(&mut self, u: &[Vector3<f64>]);

@@ -18,6 +18,8 @@ pub(crate) struct Workspace {
     pub(crate) scratch: NodalVector,
     pub(crate) krylov: KrylovSpace,
     pub(crate) history: Vec<Pair>,
+    /// Pairs that the last descent left there, of which the next one may take those that its preconditioner was built with.
+    pub(crate) pairs: usize,
 }
 
 /// A step and the change of the gradient over it.
