@@ -184,10 +184,10 @@ pub(crate) fn lbfgs(
                         VERIFIED
                     };
                     let linear = newton_direction(problem, pre, space, u, residual);
-                    length = max_norm(&space.direction);
+                    length = SAFETY * max_norm(&space.direction);
                     verified = linear.status == LinearStatus::Converged
-                        && target.is_met(descent.gradient_norm, Some(length));
-                    estimate = Some((length * SAFETY, Estimate::NewtonStep));
+                        && target.is_met(descent.gradient_norm, Some(length * REMAINS));
+                    estimate = Some((length, Estimate::NewtonStep));
                 }
             }
         }

@@ -230,3 +230,40 @@ fn the_cycle_is_symmetric_and_positive() {
         );
     }
 }
+
+/// Prints what the operators cost: `cargo test --release -p pd-solver operators_timed -- --ignored --nocapture`.
+#[test]
+#[ignore = "measures, asserts nothing"]
+fn operators_timed() {
+    let mesh = HexMesh::solid_box([48, 25, 25], 0.01, Quadrature::Eight).unwrap();
+    let mut mg = multigrid(&mesh);
+    let u = mesh.nodes().to_vec();
+    let r = random_state(&mesh, &mut Random::new(1));
+    let mut z = r.clone();
+    let pool = rayon::ThreadPoolBuilder::new()
+        .num_threads(1)
+        .build()
+        .unwrap();
+    let mut timed = |name: &str, count: usize, f: &mut (dyn FnMut() + Send)| {
+        let mut seconds: Vec<f64> = (0..31)
+            .map(|_| {
+                let clock = std::time::Instant::now();
+                pool.install(&mut *f);
+                clock.elapsed().as_secs_f64()
+            })
+            .collect();
+        seconds.sort_by(f64::total_cmp);
+        println!("{name}: {:.1} ns each", seconds[15] / count as f64 * 1e9);
+    };
+    let (elements, coarse) = (mesh.elements().len(), mg.levels[1].held.len());
+    timed("finest residual, per element", elements, &mut || {
+        mg.levels[0].residual()
+    });
+    timed("coarse residual, per node", coarse, &mut || {
+        mg.levels[1].residual()
+    });
+    timed("cycle, per element", elements, &mut || {
+        mg.apply(0, &r, &mut z)
+    });
+    timed("building, per element", elements, &mut || mg.build(0, &u));
+}
