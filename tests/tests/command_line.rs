@@ -291,7 +291,14 @@ fn a_second_run_and_one_thread_give_the_same_bits() {
 #[test]
 fn the_accuracy_asked_for_is_reached() {
     let bench = Bench::new();
-    for method in ["lbfgs", "newton", "local-global"] {
+    for method in [
+        "automatic",
+        "multigrid",
+        "lbfgs",
+        "newton",
+        "anderson",
+        "local-global",
+    ] {
         bench.solve("--rel-grad 1e-12", "exact").succeeds();
         let exact = vectors(&bench.path("exact/positions.npy"), NODES);
         for accuracy in [1e-3, 1e-5, 1e-7] {

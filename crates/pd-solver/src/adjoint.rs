@@ -13,6 +13,9 @@ use std::time::Instant;
 /// How much the residual at the given positions may exceed the one the forward solve reported: roundoff, not another state.
 const RESIDUAL_SLACK: f64 = 1.01;
 
+/// How often a preconditioner is made safer before MINRES takes over.
+const STRENGTHENINGS: usize = 3;
+
 /// Whether the forward solve converged and its positions still are where it left them.
 pub(crate) fn is_equilibrium(
     problem: &mut Problem,
@@ -76,14 +79,24 @@ pub(crate) fn adjoint(
     }
     let (tolerance, limit) = (options.tolerance, options.max_iterations);
     let mut system = System { problem, pre };
-    let mut linear = conjugate_gradients(
-        &mut system,
-        &space.scratch,
-        &mut space.krylov,
-        warm,
-        tolerance,
-        limit,
-    );
+    let mut linear;
+    let mut attempts = 0;
+    loop {
+        linear = conjugate_gradients(
+            &mut system,
+            &space.scratch,
+            &mut space.krylov,
+            warm && attempts == 0,
+            tolerance,
+            limit,
+        );
+        // A preconditioner that is not positive definite shows here first.
+        let again = linear.status == LinearStatus::Breakdown && attempts < STRENGTHENINGS;
+        if !again || !system.pre.strengthen() {
+            break;
+        }
+        attempts += 1;
+    }
     let mut iterations = linear.iterations;
     let negative_curvature = linear.status == LinearStatus::NegativeCurvature;
     if linear.status != LinearStatus::Converged {

@@ -109,8 +109,8 @@ struct SolveArgs {
     /// Stop when |g| <= T |g at rest| over the free nodes.
     #[arg(long, value_name = "T", allow_hyphen_values = true)]
     rel_grad: Option<f64>,
-    /// local-global, lbfgs or newton.
-    #[arg(long, default_value = "lbfgs", value_parser = parse_method)]
+    /// automatic, multigrid, lbfgs, newton, anderson or local-global.
+    #[arg(long, default_value = "automatic", value_parser = parse_method)]
     method: Method,
     /// Limit of iterations.
     #[arg(long, default_value_t = 2000, allow_negative_numbers = true)]
@@ -136,7 +136,8 @@ fn parse_cells(text: &str) -> Result<[usize; 3], String> {
 }
 
 fn parse_method(text: &str) -> Result<Method, String> {
-    serde_json::from_value(text.into()).map_err(|_| "use local-global, lbfgs or newton".into())
+    serde_json::from_value(text.into())
+        .map_err(|_| "use automatic, multigrid, lbfgs, newton, anderson or local-global".into())
 }
 
 fn main() -> ExitCode {

@@ -244,7 +244,7 @@ fn operators_timed() {
         .num_threads(1)
         .build()
         .unwrap();
-    let mut timed = |name: &str, count: usize, f: &mut (dyn FnMut() + Send)| {
+    let timed = |name: &str, count: usize, f: &mut (dyn FnMut() + Send)| {
         let mut seconds: Vec<f64> = (0..31)
             .map(|_| {
                 let clock = std::time::Instant::now();
