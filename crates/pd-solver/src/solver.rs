@@ -297,6 +297,11 @@ impl Solver {
         u: &mut NodalVector,
     ) -> Result<(Status, SolveStats), SolverError> {
         self.space.energy_at_start = None;
+        if let Some(cycle) = &mut self.cycle
+            && !(options.reuse && start.is_some())
+        {
+            cycle.forget();
+        }
         let (rest_energy, rest_gradient) = match (options.stop, start, method) {
             (Stop::Accuracy(_), Some(_), _) => (f64::INFINITY, None),
             (Stop::Accuracy(_), None, m) if m != Method::Multigrid => (f64::INFINITY, None),
@@ -310,12 +315,7 @@ impl Solver {
         };
         let mut coarse_iterations = 0;
         match (start, method, &mut self.cycle) {
-            (Some(start), _, cycle) => {
-                if !options.reuse
-                    && let Some(cycle) = cycle
-                {
-                    cycle.forget();
-                }
+            (Some(start), ..) => {
                 u.copy_from_slice(start);
                 self.problem.impose(parameters, u);
             }

@@ -95,10 +95,9 @@ impl History {
         difference(&space.gradient, &space.last_gradient, &mut pair.y);
         let sy = dot(&pair.s, &pair.y);
         let positive = sy > f64::EPSILON * norm(&pair.s) * norm(&pair.y);
-        if positive {
-            pair.rho = 1.0 / sy;
-            self.count += 1;
-        }
+        // A full ring still counts this place as its oldest pair, so one that is not kept must not act.
+        pair.rho = if positive { 1.0 / sy } else { 0.0 };
+        self.count += usize::from(positive);
         positive
     }
 }
