@@ -3,69 +3,22 @@
 use crate::vector::NodalVector;
 use nalgebra::Vector3;
 use rayon::prelude::*;
+use sprs::CsMatI;
 
-/// A sparse matrix by rows, each row a list of columns and weights.
-pub(crate) struct Rows {
-    offsets: Vec<u32>,
-    columns: Vec<u32>,
-    weights: Vec<f32>,
-}
+/// A sparse matrix whose rows are lists of nodes and weights.
+pub(crate) struct Rows(CsMatI<f32, u32>);
 
 impl Rows {
-    fn new(rows: impl Iterator<Item = impl Iterator<Item = (u32, f64)>>) -> Self {
-        let mut all = Self {
-            offsets: vec![0],
-            columns: Vec::new(),
-            weights: Vec::new(),
-        };
-        for row in rows {
-            for (column, weight) in row {
-                all.columns.push(column);
-                all.weights.push(weight as f32);
-            }
-            all.offsets.push(all.columns.len() as u32);
-        }
-        all
-    }
-
     /// The entries of a row.
     #[inline(always)]
     pub(crate) fn row(&self, row: usize) -> impl Iterator<Item = (u32, f32)> + '_ {
-        let range = self.offsets[row] as usize..self.offsets[row + 1] as usize;
-        let weights = &self.weights[range.clone()];
-        self.columns[range]
-            .iter()
-            .copied()
-            .zip(weights.iter().copied())
+        let range = self.0.indptr().outer_inds_sz(row);
+        let weights = self.0.data()[range.clone()].iter().copied();
+        self.0.indices()[range].iter().copied().zip(weights)
     }
 
     fn len(&self) -> usize {
-        self.offsets.len() - 1
-    }
-
-    fn transposed(&self, columns: usize) -> Self {
-        let mut offsets = vec![0u32; columns + 1];
-        for &column in &self.columns {
-            offsets[column as usize + 1] += 1;
-        }
-        for i in 0..columns {
-            offsets[i + 1] += offsets[i];
-        }
-        let mut next = offsets.clone();
-        let mut transposed = Self {
-            offsets,
-            columns: vec![0; self.columns.len()],
-            weights: vec![0.0; self.columns.len()],
-        };
-        for row in 0..self.len() {
-            for (column, weight) in self.row(row) {
-                let at = &mut next[column as usize];
-                transposed.columns[*at as usize] = row as u32;
-                transposed.weights[*at as usize] = weight;
-                *at += 1;
-            }
-        }
-        transposed
+        self.0.outer_dims()
     }
 }
 
@@ -83,10 +36,22 @@ impl Transfer {
         rows: impl Iterator<Item = impl Iterator<Item = (u32, f64)>>,
         coarse: usize,
     ) -> Self {
-        let interpolation = Rows::new(rows);
+        let (mut offsets, mut columns, mut weights) = (vec![0], Vec::new(), Vec::new());
+        for row in rows {
+            for (column, weight) in row {
+                columns.push(column);
+                weights.push(weight as f32);
+            }
+            offsets.push(columns.len() as u32);
+        }
+        let shape = (offsets.len() - 1, coarse);
+        let by_rows = CsMatI::new_from_unsorted(shape, offsets, columns, weights)
+            .map_err(|(.., error)| error)
+            .expect("offsets rise and columns are coarse nodes");
         Self {
-            restriction: interpolation.transposed(coarse),
-            interpolation,
+            // Stored by columns, each of which is a row of the transpose.
+            restriction: Rows(by_rows.to_csc()),
+            interpolation: Rows(by_rows),
         }
     }
 
