@@ -101,18 +101,17 @@ impl Problem {
 
     /// Linear forms of the effects (springs), each given to one element that holds all its nodes.
     pub(crate) fn element_forms(&self, elements: &[[u32; 8]]) -> Vec<ElementForm> {
-        let mut first_element = vec![u32::MAX; self.rest.len()];
-        let mut next = vec![[u32::MAX; 8]; 0];
-        let mut forms = Vec::new();
         let mut any = false;
-        self.effects
-            .iter()
-            .for_each(|e| e.for_each_form(&mut |_, _, _| any = true));
+        for effect in &self.effects {
+            effect.for_each_form(&mut |_, _, _| any = true);
+        }
+        let mut forms = Vec::new();
         if !any {
             return forms;
         }
         // Elements around each node as linked lists.
-        next.resize(elements.len(), [u32::MAX; 8]);
+        let mut first_element = vec![u32::MAX; self.rest.len()];
+        let mut next = vec![[u32::MAX; 8]; elements.len()];
         for (element, nodes) in elements.iter().enumerate().rev() {
             for (corner, &node) in nodes.iter().enumerate() {
                 let head = &mut first_element[node as usize];
