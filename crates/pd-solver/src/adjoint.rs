@@ -1,6 +1,6 @@
 //! The exact implicit adjoint (maths.md "Implicit adjoint"): one linear solve with the true Hessian.
 
-use crate::krylov::{LinearStatus, System, conjugate_gradients, minres};
+use crate::krylov::{LinearStatus, System, minres, solve_at};
 use crate::methods::{Preconditioner, Workspace};
 use crate::problem::Problem;
 use crate::solution::{Adjoint, AdjointOptions, AdjointStats, AdjointStatus, Solution, Status};
@@ -12,9 +12,6 @@ use std::time::Instant;
 
 /// How much the residual at the given positions may exceed the one the forward solve reported: roundoff, not another state.
 const RESIDUAL_SLACK: f64 = 1.01;
-
-/// How often a preconditioner is made safer before MINRES takes over.
-const STRENGTHENINGS: usize = 3;
 
 /// Whether the forward solve converged and its positions still are where it left them.
 pub(crate) fn is_equilibrium(
@@ -79,27 +76,20 @@ pub(crate) fn adjoint(
     }
     let (tolerance, limit) = (options.tolerance, options.max_iterations);
     let mut system = System { problem, pre };
-    let mut linear;
-    let mut attempts = 0;
-    loop {
-        linear = conjugate_gradients(
-            &mut system,
-            &space.scratch,
-            &mut space.krylov,
-            warm && attempts == 0,
-            tolerance,
-            limit,
-        );
-        // A preconditioner that is not positive definite shows here first.
-        let again = linear.status == LinearStatus::Breakdown && attempts < STRENGTHENINGS;
-        if !again || !system.pre.strengthen() {
-            break;
-        }
-        attempts += 1;
-    }
+    let mut linear = solve_at(
+        &mut system,
+        u,
+        &space.scratch,
+        &mut space.krylov,
+        warm,
+        tolerance,
+        limit,
+    );
     let mut iterations = linear.iterations;
     let negative_curvature = linear.status == LinearStatus::NegativeCurvature;
     if linear.status != LinearStatus::Converged {
+        // MINRES takes any Hessian, but its preconditioner has to be positive definite.
+        system.pre.project(u);
         linear = minres(
             &mut system,
             &space.scratch,

@@ -51,6 +51,30 @@ impl LinearOperator for System<'_> {
     }
 }
 
+/// How often a preconditioner is made safer before conjugate gradients give up.
+const STRENGTHENINGS: usize = 3;
+
+/// [`conjugate_gradients`] on the Hessian at `u`. A preconditioner that is not positive definite shows as a breakdown: it is made safer and the
+/// solve begun anew.
+pub(crate) fn solve_at(
+    system: &mut System,
+    u: &[Vector3<f64>],
+    b: &[Vector3<f64>],
+    space: &mut KrylovSpace,
+    warm: bool,
+    tolerance: f64,
+    max_iterations: usize,
+) -> LinearSolution {
+    let mut linear = conjugate_gradients(system, b, space, warm, tolerance, max_iterations);
+    for _ in 0..STRENGTHENINGS {
+        if linear.status != LinearStatus::Breakdown || !system.pre.strengthen(u) {
+            break;
+        }
+        linear = conjugate_gradients(system, b, space, false, tolerance, max_iterations);
+    }
+    linear
+}
+
 /// Preconditioned conjugate gradients for `H x = b`, from zero or, if `warm`, from the `x` in the space.
 ///
 /// Stops at the first direction `d` with `d . H d <= 0` and leaves what it has by then (the first search direction when it

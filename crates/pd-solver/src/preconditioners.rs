@@ -2,7 +2,7 @@
 
 use crate::constant::ConstantSystem;
 use crate::methods::Preconditioner;
-use crate::multigrid::Multigrid;
+use crate::multigrid::{Curvature, Multigrid};
 use crate::vector::NodalVector;
 use nalgebra::Vector3;
 
@@ -31,7 +31,11 @@ impl Preconditioner for ConstantSystem {
 
     fn rebuild(&mut self, _u: &[Vector3<f64>]) {}
 
-    fn strengthen(&mut self) -> bool {
+    fn project(&mut self, _u: &[Vector3<f64>]) -> bool {
+        false
+    }
+
+    fn strengthen(&mut self, _u: &[Vector3<f64>]) -> bool {
         false
     }
 }
@@ -40,6 +44,7 @@ impl Preconditioner for ConstantSystem {
 pub(crate) struct Cycle {
     pub(crate) multigrid: Multigrid,
     built_at: NodalVector,
+    curvature: Curvature,
     element_size: f64,
     /// Much of the body is one element thick. It bends by modes that the cycle sees only as constant stiffness, several times too
     /// stiff.
@@ -52,13 +57,15 @@ impl Cycle {
             thin: multigrid.hierarchy().grids[0].thin_share() > THIN,
             multigrid,
             built_at: Vec::new(),
+            curvature: Curvature::True,
             element_size,
         }
     }
 
-    /// Says that the coarse levels were built for something else since.
+    /// Says that the coarse levels were built for something else since. The true Hessian is to be tried again.
     pub(crate) fn forget(&mut self) {
         self.built_at.clear();
+        self.curvature = Curvature::True;
     }
 }
 
@@ -86,13 +93,26 @@ impl Preconditioner for Cycle {
     }
 
     fn rebuild(&mut self, u: &[Vector3<f64>]) {
-        self.multigrid.build(0, u);
+        if !self.multigrid.build(0, u, self.curvature) {
+            self.project(u);
+        }
         self.built_at.clear();
         self.built_at.extend_from_slice(u);
     }
 
-    fn strengthen(&mut self) -> bool {
-        self.multigrid.strengthen(0);
+    fn project(&mut self, u: &[Vector3<f64>]) -> bool {
+        let was_true = self.curvature == Curvature::True;
+        if was_true {
+            self.curvature = Curvature::Projected;
+            self.rebuild(u);
+        }
+        was_true
+    }
+
+    fn strengthen(&mut self, u: &[Vector3<f64>]) -> bool {
+        if !self.project(u) {
+            self.multigrid.strengthen(0);
+        }
         true
     }
 }

@@ -342,10 +342,12 @@ impl Solver {
         let floor = self.problem.gradient_floor();
         let target = match options.stop {
             Stop::Accuracy(length) => Target {
+                tell_error: true,
                 accuracy: Some(length),
                 gradient: floor,
             },
             Stop::RelativeGradient(t) => Target {
+                tell_error: true,
                 accuracy: None,
                 gradient: (t * rest_gradient.unwrap_or(0.0)).max(floor),
             },

@@ -1,7 +1,7 @@
 //! The start for the finest grid: the equilibrium of coarser bodies, one after another.
 
 use super::{Preconditioner, Target, Workspace, lbfgs};
-use crate::multigrid::{Hierarchy, Multigrid};
+use crate::multigrid::{Curvature, Hierarchy, Multigrid};
 use crate::problem::Problem;
 use crate::spec::Parameters;
 use crate::vector::{NodalVector, norm};
@@ -28,6 +28,7 @@ pub(crate) struct CoarseBody {
 struct AtLevel<'a> {
     multigrid: &'a mut Multigrid,
     level: usize,
+    curvature: Curvature,
 }
 
 impl Preconditioner for AtLevel<'_> {
@@ -49,11 +50,24 @@ impl Preconditioner for AtLevel<'_> {
     }
 
     fn rebuild(&mut self, u: &[Vector3<f64>]) {
-        self.multigrid.build(self.level, u);
+        if !self.multigrid.build(self.level, u, self.curvature) {
+            self.project(u);
+        }
     }
 
-    fn strengthen(&mut self) -> bool {
-        self.multigrid.strengthen(self.level);
+    fn project(&mut self, u: &[Vector3<f64>]) -> bool {
+        let was_true = self.curvature == Curvature::True;
+        if was_true {
+            self.curvature = Curvature::Projected;
+            self.rebuild(u);
+        }
+        was_true
+    }
+
+    fn strengthen(&mut self, u: &[Vector3<f64>]) -> bool {
+        if !self.project(u) {
+            self.multigrid.strengthen(self.level);
+        }
         true
     }
 }
@@ -99,10 +113,15 @@ impl CoarseBody {
         self.problem.impose(&self.parameters, rest);
         self.problem.evaluate(rest, &mut self.space.gradient);
         let target = Target {
+            tell_error: false,
             accuracy: None,
             gradient: (TOLERANCE * norm(&self.space.gradient)).max(self.problem.gradient_floor()),
         };
-        let mut pre = AtLevel { multigrid, level };
+        let mut pre = AtLevel {
+            multigrid,
+            level,
+            curvature: Curvature::True,
+        };
         lbfgs(
             &mut self.problem,
             &mut pre,
@@ -192,6 +211,7 @@ pub(crate) fn carry_down(problem: &Problem, hierarchy: Hierarchy) -> (Multigrid,
         forms.push(coarse.element_forms(&hierarchy.grids[level + 1].elements));
         bodies.push(CoarseBody::new(coarse, prescribed, anchored));
     }
-    let multigrid = Multigrid::new(hierarchy, problem.elastic_stiffness, forms);
+    let samples = problem.rest_parameters.actuation.len() / problem.elements;
+    let multigrid = Multigrid::new(hierarchy, problem.elastic_stiffness, samples, forms);
     (multigrid, bodies)
 }

@@ -201,7 +201,7 @@ pub(crate) fn lbfgs(
                 history.count = 0;
                 since_rebuild = 0;
                 pre.rebuild(u);
-            } else if strengthened < STRENGTHENINGS && pre.strengthen() {
+            } else if strengthened < STRENGTHENINGS && pre.strengthen(u) {
                 strengthened += 1;
             } else {
                 break Status::Stalled;
@@ -221,6 +221,7 @@ pub(crate) fn lbfgs(
         }
     };
     if status == Status::Converged
+        && target.tell_error
         && target.accuracy.is_none()
         && pre.follows()
         && estimate.is_some()

@@ -34,12 +34,17 @@ pub(crate) trait Preconditioner {
     /// Builds it at `u`.
     fn rebuild(&mut self, u: &[Vector3<f64>]);
 
-    /// Makes it safer after it was found not to be positive definite; false where that is not possible.
-    fn strengthen(&mut self) -> bool;
+    /// Builds it at `u` so that it is positive definite whatever the state; false where it already was.
+    fn project(&mut self, u: &[Vector3<f64>]) -> bool;
+
+    /// Makes it safer after it was found not to be positive definite at `u`; false where that is not possible.
+    fn strengthen(&mut self, u: &[Vector3<f64>]) -> bool;
 }
 
 /// When a method may stop: at an estimated error in length units, or at a gradient norm; the gradient norm is never zero.
 pub(crate) struct Target {
+    /// Whether somebody wants to know the error at the end.
+    pub(crate) tell_error: bool,
     pub(crate) accuracy: Option<f64>,
     pub(crate) gradient: f64,
 }

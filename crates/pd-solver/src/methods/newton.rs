@@ -2,7 +2,7 @@
 
 use super::descent::Descent;
 use super::{Outcome, Preconditioner, Target, Workspace};
-use crate::krylov::{LinearSolution, System, conjugate_gradients};
+use crate::krylov::{LinearSolution, System, solve_at};
 use crate::problem::Problem;
 use crate::solution::{Estimate, Status};
 use crate::vector::{NodalVector, dot, max_norm};
@@ -27,8 +27,9 @@ pub(super) fn newton_direction(
     problem.linearise(u);
     space.krylov.reserve(u.len());
     let mut system = System { problem, pre };
-    let solution = conjugate_gradients(
+    let solution = solve_at(
         &mut system,
+        u,
         &space.gradient,
         &mut space.krylov,
         false,

@@ -1,7 +1,8 @@
-//! One core per element: what the exactly projected Hessian of the energy at the element's centre takes from the constant matrix.
+//! One core per element: what the Hessian of the energy at the element's centre, true or exactly projected, takes from the constant
+//! matrix.
 //!
-//! With F at the centre and the mean A of the samples, the projected core of maths.md is `I - sum_kl B'_kl l_k l_l^T`, where
-//! `l_k : dF` is the k-th entry of axial(R^T dF A). With a Cholesky factor `B' = C C^T` that is `I - sum_k m_k m_k^T`, and
+//! With F at the centre and the mean A of the samples, the core of maths.md is `I - sum_kl B_kl l_k l_l^T`, where
+//! `l_k : dF` is the k-th entry of axial(R^T dF A). With a Cholesky factor `B = C C^T` that is `I - sum_k m_k m_k^T`, and
 //! `m_k = sum_l C_lk l_l` are the three matrices of the core. Eight elements go side by side.
 
 use super::fine::CORE;
@@ -23,8 +24,19 @@ pub(super) type Symmetric = [f64; 6];
 
 type Lanes = [f64; GROUP];
 
+/// Which Hessian the cores are those of.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Curvature {
+    /// The Hessian as it is. Where elements are pressed together, single cores are indefinite, and in a slender body that balances what
+    /// others are pulled; the sum is definite at a minimum.
+    True,
+    /// Every core projected to a positive semi-definite one: definite everywhere, but too stiff wherever something is pressed together.
+    Projected,
+}
+
 /// Computes the cores of up to eight elements.
 pub(super) struct Cores<'a> {
+    pub(super) curvature: Curvature,
     pub(super) elements: &'a [[u32; 8]],
     pub(super) u: &'a [Vector3<f64>],
     /// Reciprocals of the edge lengths.
@@ -51,7 +63,7 @@ impl WithSimd for Cores<'_> {
         }
         let mut cores = [[0.0; GROUP]; CORE];
         for part in 0..GROUP / S::F64_LANES {
-            core(simd, &f, &a, part, &mut cores);
+            core(simd, self.curvature, &f, &a, part, &mut cores);
         }
         for (lane, out) in self.out.iter_mut().enumerate() {
             for (out, core) in out.iter_mut().zip(&cores) {
@@ -92,7 +104,14 @@ fn load<S: Simd>(lanes: &Lanes, part: usize) -> S::f64s {
 
 /// The cores of the elements in one register.
 #[inline(always)]
-fn core<S: Simd>(simd: S, f: &[Lanes; 9], a: &[Lanes; 6], part: usize, out: &mut [Lanes; CORE]) {
+fn core<S: Simd>(
+    simd: S,
+    curvature: Curvature,
+    f: &[Lanes; 9],
+    a: &[Lanes; 6],
+    part: usize,
+    out: &mut [Lanes; CORE],
+) {
     let zero = simd.splat_f64s(0.0);
     let mut deformation = [zero; 9];
     for (out, f) in deformation.iter_mut().zip(f) {
@@ -115,8 +134,11 @@ fn core<S: Simd>(simd: S, f: &[Lanes; 9], a: &[Lanes; 6], part: usize, out: &mut
     ];
     let m = product(simd, &deformation, &full);
     let r = polar_rotation_lanes(simd, &m);
-    let pair_sums = rotation_factor_lanes(simd, &r, &m).pair_sums;
-    let b = projected_factor_lanes(simd, &pair_sums, &actuation);
+    let rotation = rotation_factor_lanes(simd, &r, &m);
+    let b = match curvature {
+        Curvature::True => rotation.factor,
+        Curvature::Projected => projected_factor_lanes(simd, &rotation.pair_sums, &actuation),
+    };
     let c = cholesky(simd, &b);
     // l_k(i, j) = R(i, k + 2) A(j, k + 1) - R(i, k + 1) A(j, k + 2), indices modulo 3.
     let mut forms = [[zero; 9]; 3];
@@ -183,11 +205,13 @@ mod tests {
     use polar_grad::{Filter, HessianCore, testing::Random};
     use pulp::Arch;
 
-    /// `I - sum_k m_k m_k^T` is the projected core of the scalar code, for every number of elements up to two groups.
+    /// `I - sum_k m_k m_k^T` is the core of the scalar code, true or projected, for every number of elements in a group.
     #[test]
-    fn cores_are_those_of_the_scalar_projection() {
+    fn cores_are_those_of_the_scalar_code() {
         let mut random = Random::new(7);
-        for count in 1..=GROUP {
+        for (count, curvature) in
+            (1..=GROUP).flat_map(|n| [(n, Curvature::True), (n, Curvature::Projected)])
+        {
             let u: NodalVector = (0..8 * count)
                 .map(|_| random.matrix().column(0).into_owned())
                 .collect();
@@ -210,6 +234,7 @@ mod tests {
                 .collect();
             let mut out = vec![[0.0; CORE]; count];
             Arch::new().dispatch(Cores {
+                curvature,
                 elements: &elements,
                 u: &u,
                 inverse_sizes: &inverse_sizes,
@@ -225,13 +250,16 @@ mod tests {
                 });
                 let a = actuation[e];
                 let a = Matrix3::new(a[0], a[1], a[2], a[1], a[3], a[4], a[2], a[4], a[5]);
-                let expected = HessianCore::new(&f, &a)
-                    .filtered(Filter::Projected)
-                    .to_matrix();
+                let mut expected = HessianCore::new(&f, &a);
+                if curvature == Curvature::Projected {
+                    expected = expected.filtered(Filter::Projected);
+                }
+                let expected = expected.to_matrix();
                 let m = SMatrix::<f64, 3, 9>::from_fn(|k, entry| core[9 * k + entry] as f64);
                 let error =
                     (SMatrix::<f64, 9, 9>::identity() - m.transpose() * m - expected).norm();
-                assert!(error < 1e-5, "{count} {e} {error:e}");
+                let size = expected.norm();
+                assert!(error < 1e-5 * size, "{curvature:?} {count} {e} {error:e}");
             }
         }
     }

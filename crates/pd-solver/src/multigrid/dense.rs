@@ -36,8 +36,8 @@ impl Dense {
         }
     }
 
-    /// Factors the operator's present entries.
-    pub(super) fn factor(&mut self, stencil: &Stencil, grid: &Grid) {
+    /// Factors the operator's present entries; false where they are not positive definite.
+    pub(super) fn factor(&mut self, stencil: &Stencil, grid: &Grid) -> bool {
         let n = self.slots.len();
         // The last factor's memory is used again.
         let mut matrix = match self.factor.take() {
@@ -57,6 +57,7 @@ impl Dense {
             matrix[(i, i)] += SHIFT * largest;
         }
         self.factor = Cholesky::new(matrix);
+        self.factor.is_some()
     }
 
     /// `x = A^-1 b`; zero where the operator is not positive definite.

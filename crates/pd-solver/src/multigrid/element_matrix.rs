@@ -1,7 +1,7 @@
 //! Symmetric 24x24 matrices of coarse elements and the Galerkin products that make them.
 
 use super::fine::CORE;
-use super::modes::{LINEAR, sign, stiffness};
+use super::modes::{BILINEAR, LINEAR, TRILINEAR, sign, stiffness};
 use nalgebra::Vector3;
 use std::collections::HashMap;
 
@@ -11,6 +11,10 @@ pub(super) type ElementMatrix = [[[f32; 8]; 8]; 6];
 
 /// Axes of the six blocks.
 pub(super) const BLOCKS: [(usize, usize); 6] = [(0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)];
+
+/// Share of their stiffness that an element's hourglass modes have on the corners of its parent, where they are too small to be worth
+/// their part of the core: rotations soften them to between a quarter and all of it.
+const HOURGLASS: f64 = 0.75;
 
 pub(super) const ZERO: ElementMatrix = [[[0.0; 8]; 8]; 6];
 
@@ -45,7 +49,10 @@ impl CoreTable {
     /// `scale * stiffness(size)`; a core's product with a mode coefficient is scaled by `4 h`, so cores need no sizes.
     pub(super) fn new(size: &Vector3<f64>, interval: &[[f64; 2]; 3], held: u8, scale: f64) -> Self {
         let weights = interpolation(interval, held);
-        let stiffness = stiffness(size);
+        let mut stiffness = stiffness(size);
+        for mode in BILINEAR.into_iter().chain([TRILINEAR]) {
+            stiffness[mode] *= HOURGLASS;
+        }
         let modes: [[f64; 8]; 8] = std::array::from_fn(|mode| {
             std::array::from_fn(|c| (0..8).map(|n| sign(mode, n) * weights[n][c]).sum())
         });

@@ -274,7 +274,8 @@ impl WithSimd for UpdatePlane<'_> {
     }
 }
 
-/// Inverse of a symmetric positive definite matrix by its six entries; zero where it is none.
+/// Inverse of a symmetric positive definite matrix by its six entries; of a multiple of the identity that is at least as large where
+/// it is not positive definite; zero where it has no positive entry on its diagonal, or is not finite.
 fn inverse(d: &[f32; 6]) -> [f32; 6] {
     let [a, b, c, e, f, g] = d.map(f64::from);
     let cofactors = [
@@ -286,11 +287,16 @@ fn inverse(d: &[f32; 6]) -> [f32; 6] {
         a * e - b * b,
     ];
     let determinant = a * cofactors[0] + b * cofactors[1] + c * cofactors[2];
-    if determinant > 0.0 && determinant.is_finite() {
-        cofactors.map(|x| (x / determinant) as f32)
-    } else {
-        [0.0; 6]
+    let definite = a > 0.0 && cofactors[5] > 0.0 && determinant > 0.0;
+    if definite && determinant.is_finite() {
+        return cofactors.map(|x| (x / determinant) as f32);
     }
+    let largest = a.max(e).max(g) + b.abs() + c.abs() + f.abs();
+    if largest > 0.0 && largest.is_finite() {
+        let small = (1.0 / largest) as f32;
+        return [small, 0.0, 0.0, small, 0.0, small];
+    }
+    [0.0; 6]
 }
 
 fn norm(x: &[f32]) -> f32 {

@@ -2,8 +2,8 @@
 //!
 //! The finest level is applied element by element from one core each ([`fine`]), the coarser ones are Galerkin products of it
 //! ([`element_matrix`], [`stencil`]), smoothed by Chebyshev polynomials of the block Jacobi iteration ([`level`]) in single
-//! precision. Individual rotations are exactly projected to a positive semi-definite Hessian ([`cores`]), so one cycle is a
-//! symmetric positive definite operator.
+//! precision. The cores are those of the true Hessian or of the exactly projected one ([`Curvature`]): with the projected one a cycle is a
+//! symmetric positive definite operator everywhere, with the true one it is at a minimum, and nearer to the inverse there.
 
 mod cores;
 mod correction;
@@ -21,6 +21,7 @@ mod tests;
 mod transfer;
 
 use crate::vector::{NodalVector, max_norm};
+pub(crate) use cores::Curvature;
 use cores::{Cores, GROUP, Symmetric};
 use correction::Correction;
 use dense::Dense;
@@ -94,8 +95,13 @@ pub(crate) struct Multigrid {
 }
 
 impl Multigrid {
-    /// The preconditioner of a body of elastic `stiffness` with linear forms (springs) on each level.
-    pub(crate) fn new(hierarchy: Hierarchy, elastic: f64, forms: Vec<Vec<ElementForm>>) -> Self {
+    /// The preconditioner of a body of elastic stiffness `elastic` and `samples` per element, with linear forms (springs) on each level.
+    pub(crate) fn new(
+        hierarchy: Hierarchy,
+        elastic: f64,
+        samples: usize,
+        forms: Vec<Vec<ElementForm>>,
+    ) -> Self {
         let grids = &hierarchy.grids;
         let size = grids[0].size(0);
         let unit = elastic * size.product() * stiffness(&size)[LINEAR[0]];
@@ -104,7 +110,7 @@ impl Multigrid {
         for (l, (grid, held)) in grids.iter().zip(&hierarchy.held).enumerate() {
             let layout = Layout::new(grid);
             let operator = if l == 0 {
-                Operator::Fine(FineOperator::new(grid, &layout, &forms[0], unit))
+                Operator::Fine(FineOperator::new(grid, &layout, &forms[0], unit, samples))
             } else {
                 Operator::Stencil(Stencil::new(grid, &layout))
             };
@@ -164,7 +170,7 @@ impl Multigrid {
             cycles: 0,
         };
         // At rest, once, so that every level has a first estimate of its spectrum that all later ones start from.
-        multigrid.build(0, &rest);
+        multigrid.build(0, &rest, Curvature::True);
         multigrid.builds = 0;
         multigrid
     }
@@ -212,9 +218,11 @@ impl Multigrid {
         &self.actuation[level]
     }
 
-    /// Builds the operators of a level and all coarser ones at the positions `u` of the level's nodes.
-    pub(crate) fn build(&mut self, level: usize, u: &[Vector3<f64>]) {
+    /// Builds the operators of a level and all coarser ones at the positions `u` of the level's nodes. False where the coarsest of them
+    /// is not positive definite: then the cycle is not either.
+    pub(crate) fn build(&mut self, level: usize, u: &[Vector3<f64>], curvature: Curvature) -> bool {
         self.builds += 1;
+        let mut definite = true;
         let elements = &self.hierarchy.grids[level].elements;
         let (inverse, actuation) = (&self.inverse_sizes[level], &self.actuation[level]);
         let arch = pulp::Arch::new();
@@ -225,6 +233,7 @@ impl Multigrid {
             .with_min_len(8)
             .for_each(|((out, elements), (inverse_sizes, actuation))| {
                 arch.dispatch(Cores {
+                    curvature,
                     elements,
                     u,
                     inverse_sizes,
@@ -252,13 +261,14 @@ impl Multigrid {
             if let Operator::Stencil(stencil) = &mut self.levels[l].operator {
                 stencil.assemble(&coarse.matrices);
                 if l == last {
-                    self.dense.factor(stencil, &self.hierarchy.grids[l]);
+                    definite = self.dense.factor(stencil, &self.hierarchy.grids[l]);
                 }
             }
             if l < last {
                 self.levels[l].refresh();
             }
         }
+        definite
     }
 
     /// Makes the smoothers more careful on `level` and all coarser ones: for operators whose spectrum turned out to reach farther

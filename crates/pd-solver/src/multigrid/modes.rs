@@ -6,9 +6,14 @@ use nalgebra::Vector3;
 /// The modes that are linear along x, y and z.
 pub(super) const LINEAR: [usize; 3] = [4, 2, 1];
 
-/// Share of the full stiffness that the hourglass modes get. The energy's own rotations soften them by up to a half at rest, which
-/// the one rotation of an element cannot see; this lies between.
-const HOURGLASS: f64 = 0.75;
+/// The modes that change sign along two axes, by the axis along which they are constant.
+pub(super) const BILINEAR: [usize; 3] = [3, 5, 6];
+
+/// The mode that changes sign along all three.
+pub(super) const TRILINEAR: usize = 7;
+
+/// Means over an element, with coordinates in [-1, 1], of the square of a coordinate and of the square of the product of two.
+pub(super) const MEAN_SQUARES: [f64; 2] = [1.0 / 3.0, 1.0 / 9.0];
 
 /// Value of a mode at a corner: bit `a` of the mode says whether it changes sign along axis `a`, x being the highest bit.
 pub(super) fn sign(mode: usize, corner: usize) -> f64 {
@@ -33,11 +38,6 @@ pub(super) fn stiffness(size: &Vector3<f64>) -> [f64; 8] {
                 weight * slope.component_div(size).norm_squared()
             })
             .sum();
-        let share = if mode.count_ones() > 1 {
-            HOURGLASS
-        } else {
-            1.0
-        };
-        share * energy / 64.0
+        energy / 64.0
     })
 }

@@ -2,7 +2,8 @@
 
 use super::*;
 use crate::vector::{dot, norm};
-use hex_mesh::{HexMesh, Quadrature};
+use hex_mesh::{HexMesh, Quadrature, QuadratureRule};
+use nalgebra::Matrix3;
 use polar_grad::testing::Random;
 
 /// Cells of a box for which `keep` holds.
@@ -62,7 +63,7 @@ fn multigrid(mesh: &HexMesh) -> Multigrid {
     let held = held(mesh);
     let hierarchy = Hierarchy::new(mesh, &held).expect("a hierarchy");
     let forms = vec![Vec::new(); hierarchy.grids.len()];
-    Multigrid::new(hierarchy, 3.0, forms)
+    Multigrid::new(hierarchy, 3.0, 8, forms)
 }
 
 /// Interpolation reproduces every linear function; each coarse grid holds the whole volume and as many pieces as the fine one.
@@ -105,36 +106,31 @@ fn coarse_grids_carry_the_body() {
     }
 }
 
-/// The finest operator without a matrix, and the first coarse one with, against the sum over elements in double precision.
+/// The finest operator against the sum over eight points of each element, all with the element's core, in double precision.
 #[test]
-fn operators_are_those_of_the_elements() {
+fn the_finest_operator_is_the_sum_over_all_points() {
     let mut random = Random::new(3);
     for (name, mesh) in bodies() {
         let mut mg = multigrid(&mesh);
-        mg.build(0, &random_state(&mesh, &mut random));
+        mg.build(0, &random_state(&mesh, &mut random), Curvature::Projected);
         let grid = &mg.hierarchy.grids[0];
         let x: NodalVector = (0..grid.node_count())
             .map(|_| random.matrix().column(0).into_owned())
             .collect();
-        let mut tables = CoreTables::default();
-        let scale = 1.0 / stiffness(&grid.size(0))[LINEAR[0]];
-        let number = tables.number(&grid.size(0), &[[0.0, 1.0]; 3], 0, scale);
+        let rule = QuadratureRule::new(Quadrature::Eight);
+        let size = grid.size(0);
+        let unit = stiffness(&size)[LINEAR[0]];
         let mut expected = vec![Vector3::zeros(); x.len()];
         for (nodes, core) in grid.elements.iter().zip(&mg.cores) {
-            let mut matrix = ZERO;
-            let mut sum = CoreSum::new();
-            sum.add(&tables.tables[number as usize], core, 1.0);
-            sum.write(&mut matrix);
-            for (block, (i, j)) in matrix.iter().zip(element_matrix::BLOCKS) {
-                for n in 0..8 {
-                    for m in 0..8 {
-                        let (a, b) = (nodes[n] as usize, nodes[m] as usize);
-                        expected[a][i] += block[n][m] as f64 * x[b][j];
-                        if i != j {
-                            expected[b][j] += block[n][m] as f64 * x[a][i];
-                        }
-                    }
+            for (gradients, weight) in rule.gradients(size.x).iter().zip(&rule.weights) {
+                let nodes = || nodes.iter().map(|&n| n as usize).zip(gradients);
+                let gradient: Matrix3<f64> = nodes().map(|(n, w)| x[n] * w.transpose()).sum();
+                let mut stress = gradient;
+                for m in core.as_chunks::<9>().0 {
+                    let m = Matrix3::from_row_iterator(m.iter().map(|&m| m as f64));
+                    stress -= m * m.dot(&gradient);
                 }
+                nodes().for_each(|(n, w)| expected[n] += stress * w * (*weight / unit));
             }
         }
         let level = &mut mg.levels[0];
@@ -156,13 +152,45 @@ fn operators_are_those_of_the_elements() {
     }
 }
 
-/// The coarse operator is `P^T A P` with the same P that moves vectors, prescribed nodes left out on both levels.
+/// The matrices next to the finest level are the sums of what its elements' own matrices are on the corners of their parents.
+#[test]
+fn the_first_coarse_matrices_are_those_of_the_children() {
+    let mut random = Random::new(8);
+    for (name, mesh) in bodies() {
+        let mut mg = multigrid(&mesh);
+        mg.build(0, &random_state(&mesh, &mut random), Curvature::Projected);
+        let size = mg.hierarchy.grids[0].size(0);
+        let scale = 1.0 / stiffness(&size)[LINEAR[0]];
+        let mut tables = CoreTables::default();
+        let own = tables.number(&size, &[[0.0, 1.0]; 3], 0, scale) as usize;
+        let coarse = &mg.coarse[0];
+        for (element, found) in coarse.matrices.iter().enumerate() {
+            let mut expected = ZERO;
+            for child in coarse.children(element) {
+                let (mut sum, mut matrix) = (CoreSum::new(), ZERO);
+                sum.add(&tables.tables[own], &mg.cores[child.element as usize], 1.0);
+                sum.write(&mut matrix);
+                add_galerkin(&matrix, &child.interval, child.held, &mut expected);
+            }
+            let pairs = || {
+                let found = found.as_flattened().as_flattened();
+                found.iter().zip(expected.as_flattened().as_flattened())
+            };
+            let error = pairs().map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
+            let largest = pairs().map(|(_, b)| b.abs()).fold(0.0, f32::max);
+            assert!(error < 1e-5 * largest, "{name} {element}: {error:e}");
+        }
+    }
+}
+
+/// The coarse operator is `P^T A P` with the same P that moves vectors, prescribed nodes left out on both levels; next to the finest
+/// level nearly so, for there the cores are left out where they meet hourglass modes.
 #[test]
 fn coarse_operators_are_galerkin_products() {
     let mut random = Random::new(4);
     for (name, mesh) in bodies() {
         let mut mg = multigrid(&mesh);
-        mg.build(0, &random_state(&mesh, &mut random));
+        mg.build(0, &random_state(&mesh, &mut random), Curvature::Projected);
         for l in 0..mg.levels.len() - 1 {
             let (fine, coarse) = mg.levels.split_at_mut(l + 1);
             let (fine, coarse) = (&mut fine[l], &mut coarse[0]);
@@ -191,7 +219,7 @@ fn coarse_operators_are_galerkin_products() {
                 }
             }
             assert!(
-                error < 2e-5 * size,
+                error < if l == 0 { 0.2 } else { 2e-5 } * size,
                 "{name} level {l}: {error:e} of {size:e}"
             );
         }
@@ -204,7 +232,7 @@ fn the_cycle_is_symmetric_and_positive() {
     let mut random = Random::new(5);
     for (name, mesh) in bodies() {
         let mut mg = multigrid(&mesh);
-        mg.build(0, &random_state(&mesh, &mut random));
+        mg.build(0, &random_state(&mesh, &mut random), Curvature::Projected);
         let held = held(&mesh);
         let mut vector = || -> NodalVector {
             let mut v: NodalVector = (0..mesh.nodes().len())
@@ -265,5 +293,7 @@ fn operators_timed() {
     timed("cycle, per element", elements, &mut || {
         mg.apply(0, &r, &mut z)
     });
-    timed("building, per element", elements, &mut || mg.build(0, &u));
+    timed("building, per element", elements, &mut || {
+        mg.build(0, &u, Curvature::True);
+    });
 }
