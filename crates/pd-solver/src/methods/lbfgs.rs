@@ -20,10 +20,10 @@ const SAFETY: f64 = 2.0;
 /// true Hessian is softer than the projected one.
 const TRUSTED_HISTORY: usize = 3;
 const TRUSTED_HISTORY_OF_CYCLE: usize = 2;
-/// Residual of the Newton step that verifies an error estimate. With a cycle it is taken where something is soft that the cycle
-/// does not know; only a small residual speaks for such directions.
-const VERIFIED: f64 = 0.2;
-const VERIFIED_BY_CYCLE: f64 = 0.02;
+/// Residual of the Newton step that verifies an error estimate; and where the preconditioner is blind to something soft, for which only
+/// a small residual speaks.
+const VERIFIED: f64 = 0.1;
+const VERIFIED_BLINDLY: f64 = 2e-3;
 /// How often a preconditioner is made safer before the method gives up.
 const STRENGTHENINGS: usize = 3;
 /// How many times longer than the direction the error before a step may be.
@@ -177,11 +177,7 @@ pub(crate) fn lbfgs(
                 verified = doubts.none(problem, u, pre);
                 if !verified {
                     // A loose Newton step tells; it is taken, so nothing of it is lost.
-                    let residual = if pre.follows() {
-                        VERIFIED_BY_CYCLE
-                    } else {
-                        VERIFIED
-                    };
+                    let residual = verified_residual(pre);
                     let linear = newton_direction(problem, pre, space, u, residual);
                     length = SAFETY * max_norm(&space.direction);
                     verified = linear.status == LinearStatus::Converged
@@ -232,6 +228,14 @@ pub(crate) fn lbfgs(
     descent.outcome(status, estimate)
 }
 
+fn verified_residual(pre: &dyn Preconditioner) -> f64 {
+    if pre.follows() && !pre.tells_errors() {
+        VERIFIED_BLINDLY
+    } else {
+        VERIFIED
+    }
+}
+
 /// The error after the last step.
 fn final_estimate(
     problem: &mut Problem,
@@ -244,6 +248,7 @@ fn final_estimate(
     if doubts.none(problem, u, pre) {
         return (last * REMAINS, Estimate::Direction);
     }
-    newton_direction(problem, pre, space, u, VERIFIED_BY_CYCLE);
+    let residual = verified_residual(pre);
+    newton_direction(problem, pre, space, u, residual);
     (max_norm(&space.direction) * SAFETY, Estimate::NewtonStep)
 }
