@@ -50,7 +50,7 @@ pub enum Estimate {
     /// A Newton step on the true Hessian, taken where the direction cannot be trusted: inverted samples, directions that grow,
     /// negative curvature, or the constant matrix as preconditioner.
     NewtonStep,
-    /// Extrapolation of linear convergence.
+    /// Extrapolation of linear convergence: what all further steps would add up to.
     Extrapolation,
 }
 

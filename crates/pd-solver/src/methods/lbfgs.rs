@@ -107,6 +107,8 @@ const RATE_STEPS: usize = 3;
 /// Mean factor from one direction's length to the next above which convergence is called slow: some soft direction is not yet
 /// known to the preconditioner and the pairs, and may hide most of the error.
 const SLOW: f64 = 0.4;
+/// Mean factor up to which what all further directions add up to is told by a geometric series, times `SAFETY`.
+const STEADY: f64 = 0.7;
 
 /// What is known of the error estimate while iterating.
 #[derive(Default)]
@@ -126,17 +128,35 @@ impl Doubts {
         self.seen += 1;
     }
 
-    /// Whether the length of the last direction may be taken for the error.
-    fn none(&self, problem: &Problem, u: &[Vector3<f64>], pre: &dyn Preconditioner) -> bool {
+    /// Mean factor between the lengths of the last directions; absent where there were too few.
+    fn rate(&self) -> Option<f64> {
+        let (last, first) = (self.lengths[0]?, self.lengths[RATE_STEPS]?);
+        Some((last / first).powf(1.0 / RATE_STEPS as f64))
+    }
+
+    /// Whether the directions tell the error at all: by the length of the last one, where convergence is not slow.
+    fn directions_tell(
+        &self,
+        problem: &Problem,
+        u: &[Vector3<f64>],
+        pre: &dyn Preconditioner,
+    ) -> bool {
         let [Some(last), before, ..] = self.lengths else {
             return false;
         };
         let growing = before.is_some_and(|before| last > before);
-        let slowest = SLOW.powi(RATE_STEPS as i32);
-        let slow = self.lengths[RATE_STEPS].is_some_and(|first| last > slowest * first)
-            || self.seen > REBUILD;
-        let doubtful = !pre.tells_errors() || self.negative_curvature || growing || slow;
+        let tired = self.seen > REBUILD;
+        let doubtful = !pre.tells_errors() || self.negative_curvature || growing || tired;
         !doubtful && problem.inverted_samples(u) == 0
+    }
+
+    fn slow(&self) -> bool {
+        self.rate().is_some_and(|rate| rate > SLOW)
+    }
+
+    /// Whether the length of the last direction may be taken for the error.
+    fn none(&self, problem: &Problem, u: &[Vector3<f64>], pre: &dyn Preconditioner) -> bool {
+        !self.slow() && self.directions_tell(problem, u, pre)
     }
 }
 
@@ -245,8 +265,15 @@ fn final_estimate(
     doubts: &Doubts,
 ) -> (f64, Estimate) {
     let last = doubts.lengths[0].unwrap_or(f64::INFINITY);
-    if doubts.none(problem, u, pre) {
-        return (last * REMAINS, Estimate::Direction);
+    // Directions that were not slow yet, or too few to tell, leave a share of the last one; steadily shorter ones a series.
+    let rate = doubts.rate().filter(|_| doubts.slow()).unwrap_or(0.0);
+    if rate < STEADY && doubts.directions_tell(problem, u, pre) {
+        let series = SAFETY * rate / (1.0 - rate);
+        return if series > REMAINS {
+            (last * series, Estimate::Extrapolation)
+        } else {
+            (last * REMAINS, Estimate::Direction)
+        };
     }
     let residual = verified_residual(pre);
     newton_direction(problem, pre, space, u, residual);
