@@ -193,9 +193,10 @@ pub(crate) fn lbfgs(
         let mut verified = false;
         if trusted {
             estimate = Some((length, Estimate::Direction));
-            if target.is_met(descent.gradient_norm, Some(length * SHORT)) {
+            let met = |length| target.is_met(descent.gradient_norm, Some(length));
+            if met(length * REMAINS) {
                 verified = doubts.none(problem, u, pre);
-                if !verified {
+                if !verified && met(length * SHORT) {
                     // A loose Newton step tells; it is taken, so nothing of it is lost.
                     let residual = verified_residual(pre);
                     let linear = newton_direction(problem, pre, space, u, residual);
