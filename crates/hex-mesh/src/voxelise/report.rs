@@ -37,6 +37,8 @@ pub struct VoxelReport {
     /// Cells for which one of the three rays disagreed with the other two. Zero unless the surface passes within rounding of cell
     /// centres.
     pub minority_votes: usize,
+    /// Cells that hold several elements, one for each separate part of the body.
+    pub split_cells: usize,
 }
 
 impl VoxelReport {
@@ -71,6 +73,9 @@ impl fmt::Display for VoxelReport {
                 "\n{} cells decided by two rays of three",
                 self.minority_votes
             )?;
+        }
+        if self.split_cells > 0 {
+            write!(f, "\n{} cells split into separate parts", self.split_cells)?;
         }
         self.fmt_dropped(f)
     }
