@@ -57,7 +57,7 @@ pub enum HexMeshError {
     },
     /// A part of a cell cannot be asked to fill this much of it.
     #[error(
-        "least fraction {least_fraction} of a split cell is not above 0 and at most 0.5; 0.25 is the default"
+        "least fraction {least_fraction} of a split cell is not above 0 and at most 0.5; 0.2 is the default"
     )]
     SplitFraction {
         /// The fraction that was asked for.

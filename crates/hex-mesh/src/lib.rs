@@ -15,7 +15,7 @@ mod trilinear;
 mod voxelise;
 
 pub use cell_index::CellIndex;
-pub use embedding::{EmbeddedPoint, Embedding, embed};
+pub use embedding::{EmbeddedPoint, Embedding, embed, embed_in};
 pub use error::HexMeshError;
 pub use incidence::{ElementCorner, NodeElements};
 pub use mesh::HexMesh;

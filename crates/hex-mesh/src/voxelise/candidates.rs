@@ -115,8 +115,12 @@ impl Candidates {
         }
     }
 
-    /// The candidate of each part of the cut cells, or [`NONE`].
-    pub fn into_parts(self) -> Vec<u32> {
-        self.of_part
+    /// For each part of the cut cells, what `of_candidate` says of its candidate, or [`NONE`].
+    pub fn for_parts(&self, of_candidate: &[u32]) -> Vec<u32> {
+        let of_part = |&candidate: &u32| match candidate {
+            NONE => NONE,
+            candidate => of_candidate[candidate as usize],
+        };
+        self.of_part.iter().map(of_part).collect()
     }
 }

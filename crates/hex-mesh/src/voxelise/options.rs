@@ -30,11 +30,11 @@ pub struct Splitting {
 }
 
 impl Default for Splitting {
-    /// 5 samples, a quarter of the cell.
+    /// 5 samples, a fifth of the cell.
     fn default() -> Self {
         Self {
             samples: 5,
-            least_fraction: 0.25,
+            least_fraction: 0.2,
         }
     }
 }
