@@ -44,15 +44,20 @@ pub fn joined(a: &Surface, b: &Surface) -> Surface {
     Surface::from_triangles(vertices, triangles).unwrap()
 }
 
-/// A shared shape, or `None` with a note when the data set is not there.
-pub fn data_shape(path: &str) -> Option<Surface> {
+/// A file of the shared data, or `None` with a note when it is not there.
+pub fn data_file(path: &str) -> Option<std::path::PathBuf> {
     let root = concat!(env!("CARGO_MANIFEST_DIR"), "/../../../shared/data");
     let file = std::path::Path::new(root).join(path);
     if !file.exists() {
         eprintln!("skipped: no {path} in the shared data");
         return None;
     }
-    Some(surface_mesh::read_obj(&file).unwrap())
+    Some(file)
+}
+
+/// A shared shape, or `None` with a note when the data set is not there.
+pub fn data_shape(path: &str) -> Option<Surface> {
+    Some(surface_mesh::read_obj(data_file(path)?).unwrap())
 }
 
 /// The boundary of the blocks for which `filled` holds, between planes along each axis. Planes need not rise: where they turn back,
