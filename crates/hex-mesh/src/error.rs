@@ -63,6 +63,22 @@ pub enum HexMeshError {
         /// The fraction that was asked for.
         least_fraction: f64,
     },
+    /// A bone is no closed finite surface.
+    #[error("bone {bone} cannot be told from flesh: {source}")]
+    Bone {
+        /// Index of the bone in the list.
+        bone: usize,
+        /// What is wrong with its surface.
+        source: Box<HexMeshError>,
+    },
+    /// The bones take up the whole body.
+    #[error(
+        "all {cells} cells of the body lie inside bones; give bones that are smaller than the body, or smaller elements"
+    )]
+    NoFlesh {
+        /// Cells with their centre inside the body.
+        cells: usize,
+    },
     /// A vertex has an infinite or NaN coordinate.
     #[error("vertex {vertex} of the surface is not finite; repair or remove it")]
     VertexNotFinite {

@@ -22,7 +22,10 @@ pub use mesh::HexMesh;
 pub use quadrature::{Quadrature, QuadratureRule};
 pub use region::{Axis, NodeRegion};
 pub use trilinear::{corner_offset, trilinear_gradients, trilinear_weights};
-pub use voxelise::{DroppedPiece, Keep, Splitting, VoxelOptions, VoxelReport, Voxelised, voxelise};
+pub use voxelise::{
+    DroppedPiece, Keep, Splitting, VoxelOptions, VoxelReport, Voxelised, voxelise,
+    voxelise_with_bones,
+};
 
 /// The largest grid, in cells of its bounding box, that the crate will number: 50 million.
 pub const MAX_GRID_CELLS: usize = 50_000_000;

@@ -1,5 +1,6 @@
 //! From a closed surface to a mesh of cubes.
 
+mod bones;
 mod candidates;
 mod carriers;
 mod closed;
@@ -17,7 +18,8 @@ mod segments;
 use nalgebra::Vector3;
 use surface_mesh::Surface;
 
-use candidates::{Candidates, NONE};
+use bones::{bone_nodes, bones_of, check_bones};
+use candidates::{Candidate, Candidates, NONE};
 use carriers::Parts;
 pub(crate) use closed::check_closed;
 use corners::Corners;
@@ -26,10 +28,10 @@ use grid::CellGrid;
 pub(crate) use inside::{InsideVotes, PointGrid};
 use number::NumberedParts;
 pub use options::{Keep, Splitting, VoxelOptions};
-use pieces::{Pieces, grid_position};
+use pieces::{NO_PIECE, Pieces, grid_position};
 pub use report::{DroppedPiece, VoxelReport};
 
-use crate::{Embedding, HexMesh, HexMeshError, embed, embed_in};
+use crate::{Embedding, HexMesh, HexMeshError, Quadrature, embed, embed_in};
 
 /// A voxelised body, and what was found on the way.
 #[derive(Debug, Clone, PartialEq)]
@@ -38,6 +40,9 @@ pub struct Voxelised {
     pub mesh: HexMesh,
     /// What was found, and what was left out.
     pub report: VoxelReport,
+    /// For each bone that was given, the nodes that it holds, by rising index: those on the boundary between flesh and the cells that
+    /// were left out for the bone, and those inside the bone. No node is listed twice.
+    pub bone_nodes: Vec<Vec<u32>>,
     /// What lies where within the cells; nothing when cells were not to be split.
     parts: Option<Parts>,
 }
@@ -71,59 +76,51 @@ impl Voxelised {
     }
 }
 
-/// Fills a closed surface with cubes: a cell is in when its centre is inside.
+/// Fills a closed surface with cubes: a cell is in when its centre is inside, and a cell that holds several separate parts of the
+/// body becomes one element for each.
 ///
 /// A centre is inside when at least two of three axis-parallel rays through it cross the surface an odd number of times. Where
 /// closed parts overlap, parity counts an even overlap as outside. Cells that meet only in an edge or a vertex belong to different
 /// pieces.
 ///
-/// Elements run in lexicographic order of their cell, x slowest, and nodes as elements first use them. The result does not depend on
-/// the number of threads.
+/// The parts of a cell are found by [`Splitting`]; where a cell holds several that fill enough of it, all become elements, wherever
+/// its centre lies. Elements of different cells share the nodes at a lattice point when material connects their parts within the eight
+/// cells around it. So elements at both sides of a gap, in one cell or in two, have nodes of their own at the same places. A body
+/// without gaps gets the same mesh with and without splitting.
+///
+/// Elements run in lexicographic order of their cell, x slowest, then by their part's first sample; nodes run as elements first use
+/// them. The result does not depend on the number of threads.
 ///
 /// # Errors
-/// [`HexMeshError::ElementSize`], [`HexMeshError::VertexNotFinite`], [`HexMeshError::OpenSurface`], [`HexMeshError::Origin`],
-/// [`HexMeshError::TooManyCells`], [`HexMeshError::LargerThanBody`] when one cell is larger than the bounding box, and
-/// [`HexMeshError::NoCells`] or [`HexMeshError::FlatSurface`] when no centre is inside.
+/// [`HexMeshError::ElementSize`], [`HexMeshError::SplitSamples`], [`HexMeshError::SplitFraction`], [`HexMeshError::VertexNotFinite`],
+/// [`HexMeshError::OpenSurface`], [`HexMeshError::Origin`], [`HexMeshError::TooManyCells`], [`HexMeshError::LargerThanBody`] when
+/// one cell is larger than the bounding box, and [`HexMeshError::NoCells`] or [`HexMeshError::FlatSurface`] when no centre is inside.
 pub fn voxelise(surface: &Surface, options: &VoxelOptions) -> Result<Voxelised, HexMeshError> {
-    let size = options.element_size;
+    voxelise_with_bones(surface, &[], options)
+}
+
+/// Like [`voxelise`], without the cells whose centre lies inside one of the closed surfaces `bones`.
+///
+/// [`Voxelised::bone_nodes`] lists the nodes that move with each bone. A node of several bones goes to the one that it lies inside of,
+/// else to the one with most of the left-out cells around it, the first among equals. Bones may stick out of the body. Flesh that
+/// bones cut off is a piece of its own, see [`VoxelOptions::keep`].
+///
+/// # Errors
+/// Those of [`voxelise`], [`HexMeshError::Bone`] when a bone is open or not finite, and [`HexMeshError::NoFlesh`] when nothing is left.
+pub fn voxelise_with_bones(
+    surface: &Surface,
+    bones: &[Surface],
+    options: &VoxelOptions,
+) -> Result<Voxelised, HexMeshError> {
     options.check()?;
     check_closed(surface.vertices(), surface.triangles())?;
+    check_bones(bones)?;
+    let size = options.element_size;
     let (min, max) = bounding_box(surface);
-    // A centred cell of any size has its centre inside a convex body.
-    if size > (max - min).max() {
-        let advice = suggested_size(surface, size, min, max)?;
-        return Err(HexMeshError::LargerThanBody {
-            element_size: size,
-            min,
-            max,
-            suggested_size: advice,
-        });
-    }
-    let grid = match options.origin {
-        None => CellGrid::centred(min, max, size)?,
-        Some(origin) => CellGrid::anchored(min, max, size, origin)?,
-    };
-
+    let grid = place_grid(surface, options, min, max)?;
     let votes = InsideVotes::new(&grid.centres(), surface.vertices(), surface.triangles());
-    let cut = options.split.map(|split| {
-        CutCells::new(
-            &grid,
-            split.samples,
-            &votes,
-            surface.vertices(),
-            surface.triangles(),
-        )
-    });
-    let least_fraction = options.split.map_or(1.0, |split| split.least_fraction);
-    let cells = grid.counts.iter().product();
-    let mut candidates = Candidates::new(cells, &votes, cut.as_ref(), least_fraction);
-    let corners = match &cut {
-        Some(cut) => Corners::new(cut, &candidates),
-        None => Corners::whole(grid.counts),
-    };
-    candidates.unite_inseparable(&corners);
-    let pieces = Pieces::new(grid.counts, &candidates, &corners);
-    let Some(largest) = pieces.largest() else {
+    let (candidates, corners, cut) = find_candidates(surface, options, &grid, &votes);
+    if candidates.list.is_empty() {
         let advice = suggested_size(surface, size, min, max)?;
         return Err(HexMeshError::NoCells {
             element_size: size,
@@ -131,6 +128,13 @@ pub fn voxelise(surface: &Surface, options: &VoxelOptions) -> Result<Voxelised, 
             max,
             suggested_size: advice,
         });
+    }
+    let bone_of = bones_of(&candidates, bones, &grid);
+    let is_flesh = |candidate: usize| bone_of[candidate] == NONE;
+    let pieces = Pieces::new(grid.counts, &candidates, &corners, is_flesh);
+    let Some(largest) = pieces.largest() else {
+        let cells = candidates.list.len();
+        return Err(HexMeshError::NoFlesh { cells });
     };
     let kept = |piece: usize| options.keep == Keep::All || piece == largest;
 
@@ -139,27 +143,14 @@ pub fn voxelise(surface: &Surface, options: &VoxelOptions) -> Result<Voxelised, 
     let mut elements = Vec::new();
     let mut element_of = vec![NONE; candidates.list.len()];
     for (candidate, &piece) in pieces.of_candidate.iter().enumerate() {
-        if kept(piece as usize) {
+        if piece != NO_PIECE && kept(piece as usize) {
             element_of[candidate] = elements.len() as u32;
             elements.push(candidates.list[candidate]);
         }
     }
-    let numbered = NumberedParts::new(elements.iter().copied(), &corners);
-    let split = elements.chunk_by(|a, b| a.cell == b.cell);
-    let split_cells = split.filter(|same| same.len() > 1).count();
-    let cells = elements
-        .iter()
-        .map(|element| grid.cell(grid_position(element.cell as usize, grid.counts)));
-    let points = numbered.points.iter();
-    let points = points.map(|&point| grid.cell(corners.position(point as usize)));
-    let mesh = HexMesh::from_numbered(
-        cells.collect(),
-        &points.collect::<Vec<_>>(),
-        numbered.elements,
-        grid.origin,
-        size,
-        options.quadrature,
-    );
+    let numbered = NumberedParts::new(&elements, &corners);
+    let mesh = build_mesh(&elements, &numbered, &corners, &grid, options.quadrature);
+    let in_one_cell = elements.chunk_by(|a, b| a.cell == b.cell);
     let report = VoxelReport {
         element_size: size,
         grid: grid.counts,
@@ -170,18 +161,83 @@ pub fn voxelise(surface: &Surface, options: &VoxelOptions) -> Result<Voxelised, 
         pieces: pieces.pieces.len(),
         dropped: dropped_pieces(&grid, &pieces, kept),
         minority_votes: votes.minority_count(),
-        split_cells,
+        split_cells: in_one_cell.filter(|same| same.len() > 1).count(),
+        bone_elements: bone_of.iter().filter(|&&bone| bone != NONE).count(),
     };
-    let parts = cut.map(|cut| Parts {
-        grid,
-        cut,
-        elements: candidates.for_parts(&element_of),
-    });
     Ok(Voxelised {
         mesh,
         report,
-        parts,
+        bone_nodes: bone_nodes(&bone_of, bones, &candidates, &corners, &numbered, &grid),
+        parts: cut.map(|cut| Parts {
+            grid,
+            cut,
+            elements: candidates.for_parts(&element_of),
+        }),
     })
+}
+
+fn place_grid(
+    surface: &Surface,
+    options: &VoxelOptions,
+    min: Vector3<f64>,
+    max: Vector3<f64>,
+) -> Result<CellGrid, HexMeshError> {
+    let size = options.element_size;
+    // A centred cell of any size has its centre inside a convex body.
+    if size > (max - min).max() {
+        let advice = suggested_size(surface, size, min, max)?;
+        return Err(HexMeshError::LargerThanBody {
+            element_size: size,
+            min,
+            max,
+            suggested_size: advice,
+        });
+    }
+    match options.origin {
+        None => CellGrid::centred(min, max, size),
+        Some(origin) => CellGrid::anchored(min, max, size, origin),
+    }
+}
+
+/// The elements to be, which of them share nodes, and the parts of the cells if these are to be split.
+fn find_candidates(
+    surface: &Surface,
+    options: &VoxelOptions,
+    grid: &CellGrid,
+    votes: &InsideVotes,
+) -> (Candidates, Corners, Option<CutCells>) {
+    let cells = grid.counts.iter().product();
+    let Some(split) = options.split else {
+        let candidates = Candidates::new(cells, votes, None, 1.0);
+        return (candidates, Corners::whole(grid.counts), None);
+    };
+    let (vertices, triangles) = (surface.vertices(), surface.triangles());
+    let cut = CutCells::new(grid, split.samples, votes, vertices, triangles);
+    let mut candidates = Candidates::new(cells, votes, Some(&cut), split.least_fraction);
+    let corners = Corners::new(&cut, &candidates);
+    candidates.unite_inseparable(&corners);
+    (candidates, corners, Some(cut))
+}
+
+fn build_mesh(
+    elements: &[Candidate],
+    numbered: &NumberedParts,
+    corners: &Corners,
+    grid: &CellGrid,
+    quadrature: Quadrature,
+) -> HexMesh {
+    let position = |element: &Candidate| grid_position(element.cell as usize, grid.counts);
+    let cells = elements.iter().map(|element| grid.cell(position(element)));
+    let points = numbered.points.iter();
+    let points = points.map(|&point| grid.cell(corners.position(point as usize)));
+    HexMesh::from_numbered(
+        cells.collect(),
+        &points.collect::<Vec<_>>(),
+        numbered.elements.clone(),
+        grid.origin,
+        grid.size,
+        quadrature,
+    )
 }
 
 fn dropped_pieces(

@@ -18,14 +18,14 @@ const UNUSED: u32 = u32::MAX;
 
 impl NumberedParts {
     /// Numbers nodes as elements first use them, corner by corner.
-    pub fn new(elements: impl Iterator<Item = Candidate>, corners: &Corners) -> Self {
+    pub fn new(elements: &[Candidate], corners: &Corners) -> Self {
         let mut numbered = Self {
             points: Vec::new(),
             elements: Vec::new(),
             node_at: vec![UNUSED; corners.point_count()],
             further: HashMap::new(),
         };
-        for candidate in elements {
+        for &candidate in elements {
             let nodes = std::array::from_fn(|corner| numbered.number(candidate, corner, corners));
             numbered.elements.push(nodes);
         }
@@ -44,5 +44,15 @@ impl NumberedParts {
             self.points.push(point);
         }
         *node
+    }
+
+    /// The node at a corner of a candidate, be it an element or not; `None` when no element uses it.
+    pub fn find(&self, candidate: Candidate, corner: usize, corners: &Corners) -> Option<u32> {
+        let point = corners.point(candidate.cell, corner);
+        let node = match corners.class(candidate.cell, corner, candidate.part) {
+            0 => self.node_at[point as usize],
+            class => *self.further.get(&(point, class))?,
+        };
+        (node != UNUSED).then_some(node)
     }
 }

@@ -16,17 +16,31 @@ pub(crate) struct Piece {
 /// All pieces, and the piece of each candidate.
 pub(crate) struct Pieces {
     pub pieces: Vec<Piece>,
-    /// Per candidate: the index of its piece.
+    /// Per candidate: the index of its piece, or `NO_PIECE` for bone.
     pub of_candidate: Vec<u32>,
 }
 
 const UNVISITED: u32 = u32::MAX;
+/// The piece of what is no flesh.
+pub(crate) const NO_PIECE: u32 = u32::MAX - 1;
 
 impl Pieces {
     /// Sorts the candidates of a grid of `counts` cells (x slowest) into pieces, in order of their first candidate. Candidates
-    /// connect where they share all four nodes of a face.
-    pub fn new(counts: [usize; 3], candidates: &Candidates, corners: &Corners) -> Self {
-        let mut of_candidate = vec![UNVISITED; candidates.list.len()];
+    /// connect where they share all four nodes of a face. Only candidates for which `is_flesh` holds belong to pieces.
+    pub fn new(
+        counts: [usize; 3],
+        candidates: &Candidates,
+        corners: &Corners,
+        is_flesh: impl Fn(usize) -> bool,
+    ) -> Self {
+        let label = |candidate| {
+            if is_flesh(candidate) {
+                UNVISITED
+            } else {
+                NO_PIECE
+            }
+        };
+        let mut of_candidate: Vec<u32> = (0..candidates.list.len()).map(label).collect();
         let mut pieces = Vec::new();
         let mut stack = Vec::new();
         for seed in 0..of_candidate.len() {
