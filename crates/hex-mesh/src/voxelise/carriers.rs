@@ -45,8 +45,7 @@ impl Parts {
         let counts = self.grid.counts;
         let triangles = Triangles::new(counts, vertices, surface.triangles(), orientation);
         let normals = vertex_normals(surface.vertices(), surface.triangles());
-        let offsets = near_offsets();
-        let index = mesh.cell_index();
+        let search = Search::new(self, mesh);
         let mut carriers: Vec<Option<u32>> = (0..surface.vertex_count())
             .into_par_iter()
             .map_init(
@@ -54,14 +53,46 @@ impl Parts {
                 |walk, vertex| {
                     let outwards = normals[vertex] * orientation;
                     let point = triangles.vertices[vertex];
-                    let seed = self.first_sample(&triangles, &point, &outwards, &offsets)?;
-                    let found = self.nearest_along(walk, seed, &point, &index)?;
+                    let seed = search.first_sample(&triangles, &point, &outwards)?;
+                    let found = search.nearest_along(walk, seed, &point)?;
                     Some(found.1 as u32)
                 },
             )
             .collect();
         spread(&mut carriers, mesh, surface);
         carriers
+    }
+}
+
+/// What the search for the carriers of all vertices has in common.
+struct Search<'a> {
+    parts: &'a Parts,
+    index: CellIndex,
+    /// Steps to the samples around a point, the nearest first.
+    offsets: Vec<[i32; 3]>,
+    /// Per axis and place of a sample along it: its share of the flat index of the cell, and of that of the sample in the cell.
+    /// Divisions would take most of the time.
+    places: [Vec<(usize, usize)>; 3],
+}
+
+impl<'a> Search<'a> {
+    fn new(parts: &'a Parts, mesh: &HexMesh) -> Self {
+        let (n, counts) = (parts.cut.samples, parts.grid.counts);
+        let places = |axis: usize| {
+            let mut unit = [0; 3];
+            unit[axis] = 1;
+            let strides = [flat(unit, counts), flat(unit, [n; 3])];
+            let along = 0..counts[axis] * n;
+            along
+                .map(|i| (i / n * strides[0], i % n * strides[1]))
+                .collect()
+        };
+        Self {
+            parts,
+            index: mesh.cell_index(),
+            offsets: near_offsets(),
+            places: [0, 1, 2].map(places),
+        }
     }
 
     /// The nearest inside sample on the inner side of a vertex to which the way is free; else one to which it leaves other parts.
@@ -70,12 +101,11 @@ impl Parts {
         triangles: &Triangles,
         vertex: &Vector3<f64>,
         outwards: &Vector3<f64>,
-        offsets: &[[i32; 3]],
     ) -> Option<[usize; 3]> {
-        let n = self.cut.samples as f64;
+        let n = self.parts.cut.samples as f64;
         let home = vertex.map(|x| (x * n - 0.5).round() as i32);
         let mut second = None;
-        for offset in offsets {
+        for offset in &self.offsets {
             let sample: [i32; 3] = std::array::from_fn(|axis| home[axis] + offset[axis]);
             let point = Vector3::from(sample.map(|i| (f64::from(i) + 0.5) / n));
             if (point - vertex).dot(outwards) >= 0.0 {
@@ -98,18 +128,14 @@ impl Parts {
     /// The cell of a sample and its part, if it is inside.
     fn part_at(&self, sample: [usize; 3]) -> Option<(usize, u8)> {
         let (cell, within) = self.place(sample)?;
-        Some((cell, self.cut.part_at(cell, within)?))
+        Some((cell, self.parts.cut.part_at(cell, within)?))
     }
 
     /// The cell of a sample of the lattice, and the sample in that cell.
     fn place(&self, sample: [usize; 3]) -> Option<(usize, usize)> {
-        let n = self.cut.samples;
-        let position = sample.map(|i| i / n);
-        let within_grid = (0..3).all(|axis| position[axis] < self.grid.counts[axis]);
-        within_grid.then(|| {
-            let within = flat(sample.map(|i| i % n), [n; 3]);
-            (flat(position, self.grid.counts), within)
-        })
+        let [x, y, z] = [0, 1, 2].map(|axis| self.places[axis].get(sample[axis]));
+        let (x, y, z) = (x?, y?, z?);
+        Some((x.0 + y.0 + z.0, x.1 + y.1 + z.1))
     }
 
     /// The nearest cube among the elements that a walk from a sample meets first.
@@ -118,9 +144,8 @@ impl Parts {
         walk: &mut Walk,
         seed: [usize; 3],
         vertex: &Vector3<f64>,
-        index: &CellIndex,
     ) -> Option<Candidate> {
-        let n = self.cut.samples;
+        let n = self.parts.cut.samples;
         walk.start(seed);
         let mut best: Option<Candidate> = None;
         let mut last_step = usize::MAX;
@@ -131,12 +156,21 @@ impl Parts {
             let Some((cell, part)) = self.part_at(sample) else {
                 continue;
             };
-            if let Some(element) = self.element(cell, part, index) {
+            if let Some(element) = self.element(cell, part) {
                 let position = sample.map(|i| (i / n) as i32);
                 let candidate = (cell_distance(vertex, position, position), element as usize);
-                // A cell further on, another element may be nearer; around a corner, it may be as near.
-                let further = if candidate.0 == 0.0 { 3 } else { n };
-                last_step = last_step.min(step + further);
+                // Within a cell's length, another element may be nearer, but none that is farther from the start than that; around
+                // an edge of this cell, it may be as near.
+                let off_boundary = (0..3).all(|axis| vertex[axis] != vertex[axis].floor());
+                let further = match candidate.0 == 0.0 {
+                    true if off_boundary => 0,
+                    true => 3,
+                    false => n,
+                };
+                let farthest = (3.0 * candidate.0).sqrt() * n as f64;
+                last_step = last_step
+                    .min(step + further)
+                    .min(farthest.ceil() as usize + 4);
                 best = Some(best.map_or(candidate, |best| nearer(best, candidate)));
             }
             for axis in 0..3 {
@@ -147,7 +181,7 @@ impl Parts {
                         continue;
                     };
                     if self.part_at(neighbour).is_some()
-                        && !self.cut.has_barrier(cell, within, axis)
+                        && !self.parts.cut.has_barrier(cell, within, axis)
                     {
                         walk.visit(neighbour, step + 1);
                     }
@@ -157,15 +191,20 @@ impl Parts {
         best
     }
 
-    fn element(&self, cell: usize, part: u8, index: &CellIndex) -> Option<u32> {
-        match self.cut.slot(cell) {
+    fn element(&self, cell: usize, part: u8) -> Option<u32> {
+        let Parts {
+            grid,
+            cut,
+            elements,
+        } = self.parts;
+        match cut.slot(cell) {
             Some(slot) => {
-                let element = self.elements[self.cut.first_part(slot) + usize::from(part)];
+                let element = elements[cut.first_part(slot) + usize::from(part)];
                 (element != NONE).then_some(element)
             }
             None => {
-                let position = grid_position(cell, self.grid.counts);
-                index.elements(self.grid.cell(position)).next()
+                let position = grid_position(cell, grid.counts);
+                self.index.elements(grid.cell(position)).next()
             }
         }
     }

@@ -18,14 +18,14 @@ pub(crate) struct Corners {
     counts: [usize; 3],
     /// Steps of the flat index of points from a cell's lowest corner to each of its corners.
     steps: [usize; 8],
-    /// Per lattice point; empty when there is no split point at all.
-    is_split: Vec<bool>,
+    /// Per cell: whether one of its corners is a split point; empty when there is none at all.
+    touches_split: Vec<bool>,
     split: HashMap<u32, Vec<Member>>,
 }
 
-/// A candidate at a lattice point: the corner of its cell that lies there, its part, and its class.
+/// A candidate at a lattice point, and its class there.
 struct Member {
-    corner: u8,
+    cell: u32,
     part: u8,
     class: u8,
 }
@@ -37,7 +37,7 @@ impl Corners {
         Self {
             counts,
             steps: std::array::from_fn(|corner| flat(corner_offset(corner), points)),
-            is_split: Vec::new(),
+            touches_split: Vec::new(),
             split: HashMap::new(),
         }
     }
@@ -61,10 +61,10 @@ impl Corners {
             .filter_map(members)
             .collect();
         if !split.is_empty() {
-            corners.is_split = vec![false; cut.counts.iter().map(|n| n + 1).product()];
+            corners.touches_split = vec![false; cut.counts.iter().product()];
         }
-        for (point, _) in &split {
-            corners.is_split[*point as usize] = true;
+        for member in split.iter().flat_map(|(_, members)| members) {
+            corners.touches_split[member.cell as usize] = true;
         }
         corners.split = split.into_iter().collect();
         corners
@@ -82,21 +82,25 @@ impl Corners {
 
     /// The lattice point at a corner of a cell.
     pub fn point(&self, cell: u32, corner: usize) -> u32 {
+        self.points(cell)[corner]
+    }
+
+    /// The lattice points at the corners of a cell.
+    pub fn points(&self, cell: u32) -> [u32; 8] {
         let position = grid_position(cell as usize, self.counts);
-        (flat(position, self.counts.map(|n| n + 1)) + self.steps[corner]) as u32
+        let lowest = flat(position, self.counts.map(|n| n + 1));
+        self.steps.map(|step| (lowest + step) as u32)
     }
 
     /// The class of a candidate at a corner of its cell: 0 where there is one node only.
     pub fn class(&self, cell: u32, corner: usize, part: u8) -> u8 {
-        if self.is_split.is_empty() {
+        // Far from gaps, this must cost nothing.
+        if self.touches_split.is_empty() || !self.touches_split[cell as usize] {
             return 0;
         }
-        let point = self.point(cell, corner);
-        if !self.is_split[point as usize] {
-            return 0;
-        }
-        let members = self.split[&point].iter();
-        let found = { members }.find(|m| usize::from(m.corner) == corner && m.part == part);
+        let members = self.split.get(&self.point(cell, corner));
+        let mut members = members.into_iter().flatten();
+        let found = members.find(|member| member.cell == cell && member.part == part);
         found.map_or(0, |member| member.class)
     }
 
@@ -154,7 +158,7 @@ impl Corners {
                     roots.len() - 1
                 });
                 members.push(Member {
-                    corner: corner as u8,
+                    cell: cell as u32,
                     part: part as u8,
                     class: class as u8,
                 });

@@ -34,6 +34,8 @@ pub(crate) struct CutCells {
 
 const WHOLE_INSIDE: u32 = u32::MAX;
 const WHOLE_OUTSIDE: u32 = u32::MAX - 1;
+/// Cut, and not numbered yet.
+const CUT: u32 = u32::MAX - 2;
 
 /// Labels of samples before they get their part.
 const OUTSIDE: u8 = 0;
@@ -75,11 +77,15 @@ impl CutCells {
             }
         };
         let mut slots: Vec<u32> = (0..grid.counts.iter().product()).map(whole).collect();
-        let mut cells: Vec<u32> = crossings.iter().flatten().map(|c| c.cell).collect();
-        cells.par_sort_unstable();
-        cells.dedup();
-        for (slot, &cell) in (0..).zip(&cells) {
-            slots[cell as usize] = slot;
+        for crossing in crossings.iter().flatten() {
+            slots[crossing.cell as usize] = CUT;
+        }
+        let mut cells = Vec::new();
+        for (cell, slot) in (0..).zip(&mut slots) {
+            if *slot == CUT {
+                *slot = cells.len() as u32;
+                cells.push(cell);
+            }
         }
 
         let volume = n * n * n;

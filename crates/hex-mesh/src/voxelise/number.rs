@@ -26,15 +26,17 @@ impl NumberedParts {
             further: HashMap::new(),
         };
         for &candidate in elements {
-            let nodes = std::array::from_fn(|corner| numbered.number(candidate, corner, corners));
+            let points = corners.points(candidate.cell);
+            let nodes = std::array::from_fn(|corner| {
+                let class = corners.class(candidate.cell, corner, candidate.part);
+                numbered.number(points[corner], class)
+            });
             numbered.elements.push(nodes);
         }
         numbered
     }
 
-    fn number(&mut self, candidate: Candidate, corner: usize, corners: &Corners) -> u32 {
-        let point = corners.point(candidate.cell, corner);
-        let class = corners.class(candidate.cell, corner, candidate.part);
+    fn number(&mut self, point: u32, class: u8) -> u32 {
         let node = match class {
             0 => &mut self.node_at[point as usize],
             class => self.further.entry((point, class)).or_insert(UNUSED),
