@@ -35,29 +35,50 @@ pub struct Embedding {
 /// # Errors
 /// [`HexMeshError::PointNotFinite`].
 pub fn embed(mesh: &HexMesh, points: &[Vector3<f64>]) -> Result<Embedding, HexMeshError> {
-    if let Some(point) = points.iter().position(|p| !p.iter().all(|x| x.is_finite())) {
-        return Err(HexMeshError::PointNotFinite { point });
-    }
+    check_finite(points)?;
     let finder = ElementFinder::new(mesh);
-    let found: Vec<(EmbeddedPoint, f64)> = points
-        .par_iter()
-        .map(|point| {
-            let (element, distance) = finder.nearest(point);
-            let xi = (point - mesh.element_corner(element)) / mesh.element_size();
-            let embedded = EmbeddedPoint {
-                element: element as u32,
-                weights: trilinear_weights(&xi),
-            };
-            (embedded, distance)
-        })
-        .collect();
-    let max_outside_distance = found.iter().fold(0.0, |max, found| found.1.max(max));
-    let vertices = found.into_iter().map(|found| found.0).collect();
-    Ok(Embedding::new(mesh, vertices, max_outside_distance))
+    let nearest = |point| finder.nearest(point).0 as u32;
+    let elements: Vec<u32> = points.par_iter().map(nearest).collect();
+    Ok(Embedding::new(mesh, points, &elements))
+}
+
+/// Ties points to given elements, one for each point, with trilinear weights: extrapolated where the point lies outside its element.
+///
+/// # Errors
+/// [`HexMeshError::PointNotFinite`].
+///
+/// # Panics
+/// When `elements` does not have one entry per point, or an entry is not an element of the mesh.
+pub fn embed_in(
+    mesh: &HexMesh,
+    points: &[Vector3<f64>],
+    elements: &[u32],
+) -> Result<Embedding, HexMeshError> {
+    assert_eq!(points.len(), elements.len(), "one element per point");
+    check_finite(points)?;
+    Ok(Embedding::new(mesh, points, elements))
+}
+
+fn check_finite(points: &[Vector3<f64>]) -> Result<(), HexMeshError> {
+    let not_finite = |point: &Vector3<f64>| !point.iter().all(|x| x.is_finite());
+    match points.iter().position(not_finite) {
+        Some(point) => Err(HexMeshError::PointNotFinite { point }),
+        None => Ok(()),
+    }
 }
 
 impl Embedding {
-    fn new(mesh: &HexMesh, vertices: Vec<EmbeddedPoint>, max_outside_distance: f64) -> Self {
+    fn new(mesh: &HexMesh, points: &[Vector3<f64>], elements: &[u32]) -> Self {
+        let size = mesh.element_size();
+        let embedded = |(point, &element): (&Vector3<f64>, &u32)| {
+            let xi = (point - mesh.element_corner(element as usize)) / size;
+            let outside = xi - xi.map(|x| x.clamp(0.0, 1.0));
+            let weights = trilinear_weights(&xi);
+            (EmbeddedPoint { element, weights }, outside.norm() * size)
+        };
+        let points = points.par_iter().zip(elements);
+        let (vertices, distances): (Vec<_>, Vec<f64>) = points.map(embedded).unzip();
+        let max_outside_distance = distances.into_iter().fold(0.0, f64::max);
         let nodes = |vertex: &EmbeddedPoint| mesh.elements()[vertex.element as usize];
         let mut use_offsets = vec![0; mesh.nodes().len() + 1];
         for node in vertices.iter().flat_map(nodes) {

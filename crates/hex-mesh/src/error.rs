@@ -49,6 +49,36 @@ pub enum HexMeshError {
         /// The count that was asked for.
         count: usize,
     },
+    /// Cells cannot be sampled like this.
+    #[error("cells cannot be split by {samples} samples along each axis; use 3, 5 or 7")]
+    SplitSamples {
+        /// The count that was asked for.
+        samples: usize,
+    },
+    /// A part of a cell cannot be asked to fill this much of it.
+    #[error(
+        "least fraction {least_fraction} of a split cell is not above 0 and at most 0.5; 0.2 is the default"
+    )]
+    SplitFraction {
+        /// The fraction that was asked for.
+        least_fraction: f64,
+    },
+    /// A bone is no closed finite surface.
+    #[error("bone {bone} cannot be told from flesh: {source}")]
+    Bone {
+        /// Index of the bone in the list.
+        bone: usize,
+        /// What is wrong with its surface.
+        source: Box<HexMeshError>,
+    },
+    /// The bones take up the whole body.
+    #[error(
+        "all {cells} cells of the body lie inside bones; give bones that are smaller than the body, or smaller elements"
+    )]
+    NoFlesh {
+        /// Cells with their centre inside the body.
+        cells: usize,
+    },
     /// A vertex has an infinite or NaN coordinate.
     #[error("vertex {vertex} of the surface is not finite; repair or remove it")]
     VertexNotFinite {

@@ -15,14 +15,17 @@ mod trilinear;
 mod voxelise;
 
 pub use cell_index::CellIndex;
-pub use embedding::{EmbeddedPoint, Embedding, embed};
+pub use embedding::{EmbeddedPoint, Embedding, embed, embed_in};
 pub use error::HexMeshError;
 pub use incidence::{ElementCorner, NodeElements};
 pub use mesh::HexMesh;
 pub use quadrature::{Quadrature, QuadratureRule};
 pub use region::{Axis, NodeRegion};
 pub use trilinear::{corner_offset, trilinear_gradients, trilinear_weights};
-pub use voxelise::{DroppedPiece, Keep, VoxelOptions, VoxelReport, Voxelised, voxelise};
+pub use voxelise::{
+    DroppedPiece, Keep, Splitting, VoxelOptions, VoxelReport, Voxelised, voxelise,
+    voxelise_with_bones,
+};
 
 /// The largest grid, in cells of its bounding box, that the crate will number: 50 million.
 pub const MAX_GRID_CELLS: usize = 50_000_000;

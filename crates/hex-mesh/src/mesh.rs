@@ -2,7 +2,7 @@
 
 use nalgebra::{SMatrix, Vector3};
 
-use crate::lattice::{NodeOrder, number_nodes};
+use crate::lattice::{NodeOrder, NumberedNodes, number_nodes};
 use crate::{
     CellIndex, HexMeshError, MAX_GRID_CELLS, NodeElements, Quadrature, QuadratureRule,
     trilinear_gradients, trilinear_weights,
@@ -12,6 +12,9 @@ use crate::{
 ///
 /// Corner `c = 4 a + 2 b + c'` of an element has offsets `(a, b, c')` in `{0, 1}^3` along x, y, z (x slowest, z fastest); the
 /// sample points of an element run in the same order. Element and node order is deterministic and stated by each constructor.
+///
+/// A cell may hold several elements, and several nodes may lie at one place: parts of the body that come close without being
+/// connected, as [`voxelise`](crate::voxelise) finds them.
 #[derive(Debug, Clone, PartialEq)]
 pub struct HexMesh {
     origin: Vector3<f64>,
@@ -84,16 +87,30 @@ impl HexMesh {
         if !origin.iter().all(|x| x.is_finite()) {
             return Err(HexMeshError::Origin { origin });
         }
-        let numbered = number_nodes(&cells, order)?;
+        let NumberedNodes { points, elements } = number_nodes(&cells, order)?;
+        Ok(Self::from_numbered(
+            cells, &points, elements, origin, size, quadrature,
+        ))
+    }
+
+    /// Elements whose nodes are numbered already, with the lattice point of each node. Cells may repeat.
+    pub(crate) fn from_numbered(
+        cells: Vec<[i32; 3]>,
+        points: &[[i32; 3]],
+        elements: Vec<[u32; 8]>,
+        origin: Vector3<f64>,
+        size: f64,
+        quadrature: Quadrature,
+    ) -> Self {
         let position = |point: &[i32; 3]| origin + size * Vector3::from(point.map(f64::from));
-        Ok(Self {
+        Self {
             origin,
             element_size: size,
-            nodes: numbered.points.iter().map(position).collect(),
-            elements: numbered.elements,
+            nodes: points.iter().map(position).collect(),
+            elements,
             cells,
             quadrature: QuadratureRule::new(quadrature),
-        })
+        }
     }
 
     /// The same mesh sampled by another quadrature rule.

@@ -28,7 +28,7 @@ fn a_box_of_whole_cells_is_exact() {
     let (min, max) = (Vector3::new(-0.3, 0.1, 2.0), Vector3::new(0.7, 0.4, 2.6));
     let surface = cuboid(min, max);
     for size in [0.1, 0.05, 0.025] {
-        let Voxelised { mesh, report } = voxels(&surface, size);
+        let Voxelised { mesh, report, .. } = voxels(&surface, size);
         assert!(report.relative_volume_error().abs() < 1e-12);
         assert_eq!(report.minority_votes, 0);
         assert!(report.dropped.is_empty());
@@ -142,7 +142,7 @@ fn split_cube() -> Surface {
 fn centres_on_the_surface_count_half() {
     let surface = split_cube();
     let options = anchored(0.25, Vector3::repeat(0.125));
-    let Voxelised { mesh, report } = voxelise(&surface, &options).unwrap();
+    let Voxelised { mesh, report, .. } = voxelise(&surface, &options).unwrap();
     assert_eq!(mesh.volume(), 8.0);
     assert_eq!(report.minority_votes, 0);
 }
@@ -172,7 +172,7 @@ fn anchored_grids_differ_by_whole_cells_only() {
 fn the_largest_piece_is_kept_and_the_others_reported() {
     let centre = Vector3::new(3.0, 0.0, 0.0);
     let surface = joined(&moved(&icosphere(3, 0.5), centre), &icosphere(3, 1.0));
-    let Voxelised { mesh, report } = voxels(&surface, 0.05);
+    let Voxelised { mesh, report, .. } = voxels(&surface, 0.05);
     assert_eq!(report.pieces, 2);
     let [dropped] = report.dropped[..] else {
         panic!("{report}")
@@ -186,7 +186,9 @@ fn the_largest_piece_is_kept_and_the_others_reported() {
         keep: Keep::All,
         ..VoxelOptions::new(0.05)
     };
-    let Voxelised { mesh: both, report } = voxelise(&surface, &all).unwrap();
+    let Voxelised {
+        mesh: both, report, ..
+    } = voxelise(&surface, &all).unwrap();
     assert_eq!(
         both.elements().len(),
         mesh.elements().len() + dropped.elements
@@ -199,7 +201,7 @@ fn the_largest_piece_is_kept_and_the_others_reported() {
 fn cells_that_meet_in_an_edge_are_two_pieces() {
     let a = cuboid(Vector3::zeros(), Vector3::repeat(1.0));
     let b = cuboid(Vector3::new(1.0, 1.0, 0.0), Vector3::new(3.0, 2.0, 1.0));
-    let Voxelised { mesh, report } = voxels(&joined(&a, &b), 1.0);
+    let Voxelised { mesh, report, .. } = voxels(&joined(&a, &b), 1.0);
     assert_eq!(mesh.elements().len(), 2);
     assert_eq!(report.dropped.len(), 1);
     assert_eq!(report.dropped[0].min, Vector3::zeros());
@@ -331,21 +333,30 @@ fn threads_do_not_change_a_bit() {
     assert_eq!(run(1), run(4));
 }
 
-fn check_shape(path: &str, cells_along_largest: f64, tolerance: f64) {
+fn check_shape(path: &str, cells_along_largest: f64, tolerance: f64, has_gaps: bool) {
     let Some(surface) = data_shape(path) else {
         return;
     };
     let (min, max) = surface.bounding_box();
     let size = (max - min).max() / cells_along_largest;
     let start = std::time::Instant::now();
-    let Voxelised { mesh, report } = voxels(&surface, size);
+    let Voxelised { mesh, report, .. } = voxels(&surface, size);
     eprintln!("{path}: {:?}\n{report}", start.elapsed());
     assert!(
         report.relative_volume_error().abs() < tolerance,
         "{path}: {report}"
     );
     assert_eq!(report.minority_votes, 0);
-    check_shared_nodes(&mesh);
+    let whole = VoxelOptions {
+        split: None,
+        ..VoxelOptions::new(size)
+    };
+    let whole = voxelise(&surface, &whole).unwrap().mesh;
+    // Where flippers, lips or fingers come close, several nodes lie in one place on purpose.
+    if !has_gaps {
+        assert_eq!(mesh, whole, "{path}");
+    }
+    check_shared_nodes(&whole);
 }
 
 /// No two nodes in one place.
@@ -366,12 +377,12 @@ fn check_shared_nodes(mesh: &HexMesh) {
 
 #[test]
 fn shared_shapes_keep_their_volume() {
-    check_shape("shapes/starfish_lowres.obj", 120.0, 0.02);
-    check_shape("shapes/starfish.obj", 120.0, 0.02);
-    check_shape("shapes/spot.obj", 60.0, 0.02);
-    check_shape("shapes/penguin.obj", 60.0, 0.02);
-    check_shape("face_ict/neutral_skin.obj", 80.0, 0.02);
-    check_shape("body_makehuman/neutral_body.obj", 150.0, 0.02);
-    check_shape("face_ict/mandible.obj", 80.0, 0.02);
-    check_shape("face_ict/skull_cranium.obj", 80.0, 0.02);
+    check_shape("shapes/starfish_lowres.obj", 120.0, 0.02, false);
+    check_shape("shapes/starfish.obj", 120.0, 0.02, false);
+    check_shape("shapes/spot.obj", 60.0, 0.02, false);
+    check_shape("shapes/penguin.obj", 60.0, 0.02, true);
+    check_shape("face_ict/neutral_skin.obj", 80.0, 0.02, true);
+    check_shape("body_makehuman/neutral_body.obj", 150.0, 0.02, true);
+    check_shape("face_ict/mandible.obj", 80.0, 0.02, false);
+    check_shape("face_ict/skull_cranium.obj", 80.0, 0.02, false);
 }

@@ -6,7 +6,7 @@ use super::inside::PointGrid;
 use crate::{HexMeshError, MAX_GRID_CELLS};
 
 /// A grid of cells: cell `[i, j, k]`, counted from `first_cell`, has its lowest corner at `origin + size * (i, j, k)`.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct CellGrid {
     pub origin: Vector3<f64>,
     pub size: f64,

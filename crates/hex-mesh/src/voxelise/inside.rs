@@ -27,23 +27,11 @@ pub(crate) struct InsideVotes(Vec<Vote>);
 impl InsideVotes {
     /// Casts the rays. The surface must be closed and finite, and its triangles' indices in range.
     pub fn new(grid: &PointGrid, vertices: &[Vector3<f64>], triangles: &[[u32; 3]]) -> Self {
-        let local: Vec<_> = vertices
-            .iter()
-            .map(|vertex| (vertex - grid.first) / grid.spacing)
-            .collect();
-        let crossings: Vec<Vec<Crossing>> = triangles
-            .par_chunks(512)
-            .map(|chunk| {
-                let mut crossings = Vec::new();
-                for triangle in chunk {
-                    let corners = triangle.map(|vertex| local[vertex as usize]);
-                    for axis in 0..3 {
-                        scan_triangle(&corners, axis, grid.counts, &mut crossings);
-                    }
-                }
-                crossings
-            })
-            .collect();
+        let strides = [grid.counts[1] * grid.counts[2], grid.counts[2], 1];
+        let crossings = scan(grid, vertices, triangles, |position, axis| Crossing {
+            point: (0..3).map(|a| position[a] * strides[a]).sum::<usize>() as u32,
+            axis_bit: 1 << axis,
+        });
 
         let mut votes = vec![0; grid.counts.iter().product()];
         for crossing in crossings.iter().flatten() {
@@ -71,15 +59,41 @@ struct Crossing {
     axis_bit: Vote,
 }
 
-/// Lists the crossings of a triangle (in grid coordinates) with the rays along `axis`.
+/// All crossings of a surface with the rays of a grid, in chunks of triangles: what `entry(position, axis)` makes of the first grid
+/// point beyond each crossing. Crossings beyond the last point of their ray are left out.
+pub(crate) fn scan<T: Send>(
+    grid: &PointGrid,
+    vertices: &[Vector3<f64>],
+    triangles: &[[u32; 3]],
+    entry: impl Fn([usize; 3], usize) -> T + Sync,
+) -> Vec<Vec<T>> {
+    let local: Vec<_> = vertices
+        .iter()
+        .map(|vertex| (vertex - grid.first) / grid.spacing)
+        .collect();
+    let of_chunk = |chunk: &[[u32; 3]]| {
+        let mut crossings = Vec::new();
+        for triangle in chunk {
+            let corners = triangle.map(|vertex| local[vertex as usize]);
+            for axis in 0..3 {
+                scan_triangle(&corners, axis, grid.counts, |position| {
+                    crossings.push(entry(position, axis));
+                });
+            }
+        }
+        crossings
+    };
+    triangles.par_chunks(512).map(of_chunk).collect()
+}
+
+/// Tells of the crossings of a triangle (in grid coordinates) with the rays along `axis`.
 fn scan_triangle(
     corners: &[Vector3<f64>; 3],
     axis: usize,
     counts: [usize; 3],
-    crossings: &mut Vec<Crossing>,
+    mut found: impl FnMut([usize; 3]),
 ) {
     let (u, v) = ((axis + 1) % 3, (axis + 2) % 3);
-    let strides = [counts[1] * counts[2], counts[2], 1];
     let rows = corners.map(|corner| corner[v]);
     let low = rows.iter().copied().fold(f64::INFINITY, f64::min);
     let high = rows.iter().copied().fold(f64::NEG_INFINITY, f64::max);
@@ -90,11 +104,10 @@ fn scan_triangle(
             let depth = start.w + t * (end.w - start.w);
             let above = first_at_or_above(depth, counts[axis]);
             if above < counts[axis] {
-                let point = row * strides[v] + column * strides[u] + above * strides[axis];
-                crossings.push(Crossing {
-                    point: point as u32,
-                    axis_bit: 1 << axis,
-                });
+                let mut position = [above; 3];
+                position[u] = column;
+                position[v] = row;
+                found(position);
             }
         }
     }

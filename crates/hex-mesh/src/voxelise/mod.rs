@@ -1,61 +1,37 @@
 //! From a closed surface to a mesh of cubes.
 
+mod bones;
+mod candidates;
+mod carriers;
 mod closed;
+mod corners;
+mod cut;
 mod grid;
 mod inside;
+mod links;
+mod number;
+mod options;
 mod pieces;
 mod report;
+mod segments;
 
 use nalgebra::Vector3;
-use serde::{Deserialize, Serialize};
 use surface_mesh::Surface;
 
+use bones::{bone_nodes, bones_of, check_bones};
+use candidates::{Candidate, Candidates, NONE};
+use carriers::Parts;
 pub(crate) use closed::check_closed;
+use corners::Corners;
+use cut::CutCells;
 use grid::CellGrid;
 pub(crate) use inside::{InsideVotes, PointGrid};
-use pieces::{Pieces, grid_position};
+use number::NumberedParts;
+pub use options::{Keep, Splitting, VoxelOptions};
+use pieces::{NO_PIECE, Pieces, grid_position};
 pub use report::{DroppedPiece, VoxelReport};
 
-use crate::mesh::check_element_size;
-use crate::{HexMesh, HexMeshError, Quadrature};
-
-/// Which face-connected pieces of the body become elements.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Keep {
-    /// Only the piece with the most elements; the others are reported as dropped.
-    #[default]
-    Largest,
-    /// All pieces.
-    All,
-}
-
-/// How to [`voxelise`] a surface.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct VoxelOptions {
-    /// Edge length of the cubes, in the surface's unit.
-    pub element_size: f64,
-    /// Sample points per element.
-    pub quadrature: Quadrature,
-    /// Which pieces become elements.
-    pub keep: Keep,
-    /// A point where cells meet; without one, the grid is centred on the surface's bounding box, so that symmetric bodies get
-    /// symmetric meshes.
-    pub origin: Option<Vector3<f64>>,
-}
-
-impl VoxelOptions {
-    /// Cubes of the given size, 8 samples each, the largest piece, a centred grid.
-    #[must_use]
-    pub fn new(element_size: f64) -> Self {
-        Self {
-            element_size,
-            quadrature: Quadrature::default(),
-            keep: Keep::default(),
-            origin: None,
-        }
-    }
-}
+use crate::{Embedding, HexMesh, HexMeshError, Quadrature, embed, embed_in};
 
 /// A voxelised body, and what was found on the way.
 #[derive(Debug, Clone, PartialEq)]
@@ -64,44 +40,87 @@ pub struct Voxelised {
     pub mesh: HexMesh,
     /// What was found, and what was left out.
     pub report: VoxelReport,
+    /// For each bone that was given, the nodes that it holds, by rising index: those on the boundary between flesh and the cells that
+    /// were left out for the bone, and those inside the bone. No node is listed twice.
+    pub bone_nodes: Vec<Vec<u32>>,
+    /// What lies where within the cells; nothing when cells were not to be split.
+    parts: Option<Parts>,
 }
 
-/// Fills a closed surface with cubes: a cell is in when its centre is inside.
+impl Voxelised {
+    /// Ties the vertices of the voxelised surface to the mesh, each to an element of its own part of the body.
+    ///
+    /// [`embed`](crate::embed) takes the nearest cube, be it across a gap: a vertex of the upper lip may be carried by the lower one.
+    /// Here the element is reached from the vertex through material, on the inner side of the surface, and among the elements that
+    /// are reached first the nearest cube is taken. Where no element is in reach (within four cells), or the body is too thin for the
+    /// samples, the search starts from the elements of the nearest vertices along the surface. Where these have none either, or when
+    /// cells were not to be split, [`embed`](crate::embed) decides.
+    ///
+    /// `surface` is the one that was voxelised, as it was then; its triangles face outwards all, or inwards all.
+    ///
+    /// # Errors
+    /// [`HexMeshError::PointNotFinite`].
+    pub fn embed_surface(&self, surface: &Surface) -> Result<Embedding, HexMeshError> {
+        let nearest = embed(&self.mesh, surface.vertices())?;
+        let Some(parts) = &self.parts else {
+            return Ok(nearest);
+        };
+        let carriers = parts.carriers(&self.mesh, surface);
+        let elements = carriers.iter().zip(nearest.vertices());
+        let elements = elements.map(|(carrier, nearest)| carrier.unwrap_or(nearest.element));
+        embed_in(
+            &self.mesh,
+            surface.vertices(),
+            &elements.collect::<Vec<_>>(),
+        )
+    }
+}
+
+/// Fills a closed surface with cubes: a cell is in when its centre is inside, and a cell that holds several separate parts of the
+/// body becomes one element for each.
 ///
 /// A centre is inside when at least two of three axis-parallel rays through it cross the surface an odd number of times. Where
 /// closed parts overlap, parity counts an even overlap as outside. Cells that meet only in an edge or a vertex belong to different
 /// pieces.
 ///
-/// Elements run in lexicographic order of their cell, x slowest, and nodes as elements first use them. The result does not depend on
-/// the number of threads.
+/// The parts of a cell are found by [`Splitting`]; where a cell holds several that fill enough of it, all become elements, wherever
+/// its centre lies. Elements of different cells share the nodes at a lattice point when material connects their parts within the eight
+/// cells around it. So elements at both sides of a gap, in one cell or in two, have nodes of their own at the same places. A body
+/// without gaps gets the same mesh with and without splitting.
+///
+/// Elements run in lexicographic order of their cell, x slowest, then by their part's first sample; nodes run as elements first use
+/// them. The result does not depend on the number of threads.
 ///
 /// # Errors
-/// [`HexMeshError::ElementSize`], [`HexMeshError::VertexNotFinite`], [`HexMeshError::OpenSurface`], [`HexMeshError::Origin`],
-/// [`HexMeshError::TooManyCells`], [`HexMeshError::LargerThanBody`] when one cell is larger than the bounding box, and
-/// [`HexMeshError::NoCells`] or [`HexMeshError::FlatSurface`] when no centre is inside.
+/// [`HexMeshError::ElementSize`], [`HexMeshError::SplitSamples`], [`HexMeshError::SplitFraction`], [`HexMeshError::VertexNotFinite`],
+/// [`HexMeshError::OpenSurface`], [`HexMeshError::Origin`], [`HexMeshError::TooManyCells`], [`HexMeshError::LargerThanBody`] when
+/// one cell is larger than the bounding box, and [`HexMeshError::NoCells`] or [`HexMeshError::FlatSurface`] when no centre is inside.
 pub fn voxelise(surface: &Surface, options: &VoxelOptions) -> Result<Voxelised, HexMeshError> {
-    let size = options.element_size;
-    check_element_size(size)?;
-    check_closed(surface.vertices(), surface.triangles())?;
-    let (min, max) = bounding_box(surface);
-    // A centred cell of any size has its centre inside a convex body.
-    if size > (max - min).max() {
-        let advice = suggested_size(surface, size, min, max)?;
-        return Err(HexMeshError::LargerThanBody {
-            element_size: size,
-            min,
-            max,
-            suggested_size: advice,
-        });
-    }
-    let grid = match options.origin {
-        None => CellGrid::centred(min, max, size)?,
-        Some(origin) => CellGrid::anchored(min, max, size, origin)?,
-    };
+    voxelise_with_bones(surface, &[], options)
+}
 
+/// Like [`voxelise`], without the cells whose centre lies inside one of the closed surfaces `bones`.
+///
+/// [`Voxelised::bone_nodes`] lists the nodes that move with each bone. A node of several bones goes to the one that it lies inside of,
+/// else to the one with most of the left-out cells around it, the first among equals. Bones may stick out of the body. Flesh that
+/// bones cut off is a piece of its own, see [`VoxelOptions::keep`].
+///
+/// # Errors
+/// Those of [`voxelise`], [`HexMeshError::Bone`] when a bone is open or not finite, and [`HexMeshError::NoFlesh`] when nothing is left.
+pub fn voxelise_with_bones(
+    surface: &Surface,
+    bones: &[Surface],
+    options: &VoxelOptions,
+) -> Result<Voxelised, HexMeshError> {
+    options.check()?;
+    check_closed(surface.vertices(), surface.triangles())?;
+    check_bones(bones)?;
+    let size = options.element_size;
+    let (min, max) = bounding_box(surface);
+    let grid = place_grid(surface, options, min, max)?;
     let votes = InsideVotes::new(&grid.centres(), surface.vertices(), surface.triangles());
-    let pieces = Pieces::new(grid.counts, |cell| votes.is_inside(cell));
-    let Some(largest) = pieces.largest() else {
+    let (candidates, corners, cut) = find_candidates(surface, options, &grid, &votes);
+    if candidates.list.is_empty() {
         let advice = suggested_size(surface, size, min, max)?;
         return Err(HexMeshError::NoCells {
             element_size: size,
@@ -109,16 +128,29 @@ pub fn voxelise(surface: &Surface, options: &VoxelOptions) -> Result<Voxelised, 
             max,
             suggested_size: advice,
         });
+    }
+    let bone_of = bones_of(&candidates, bones, &grid);
+    let is_flesh = |candidate: usize| bone_of[candidate] == NONE;
+    let pieces = Pieces::new(grid.counts, &candidates, &corners, is_flesh);
+    let Some(largest) = pieces.largest() else {
+        let cells = candidates.list.len();
+        return Err(HexMeshError::NoFlesh { cells });
     };
     let kept = |piece: usize| options.keep == Keep::All || piece == largest;
 
     // Lexicographic: the pass of `benches/ordering.rs` over balls of 58 thousand and 1.0 million elements takes 3.6 and 79 ms in this
     // order, 5.4 and 102 ms in Morton order, 5.7 and 149 ms in blocks of 8^3, 5.3 and 173 ms in blocks of 4^3.
-    let cells = (0..grid.counts.iter().product())
-        .filter(|&cell| pieces.piece_of(cell).is_some_and(kept))
-        .map(|cell| grid.cell(grid_position(cell, grid.counts)))
-        .collect();
-    let mesh = HexMesh::from_cells(cells, grid.origin, size, options.quadrature)?;
+    let mut elements = Vec::new();
+    let mut element_of = vec![NONE; candidates.list.len()];
+    for (candidate, &piece) in pieces.of_candidate.iter().enumerate() {
+        if piece != NO_PIECE && kept(piece as usize) {
+            element_of[candidate] = elements.len() as u32;
+            elements.push(candidates.list[candidate]);
+        }
+    }
+    let numbered = NumberedParts::new(&elements, &corners);
+    let mesh = build_mesh(&elements, &numbered, &corners, &grid, options.quadrature);
+    let in_one_cell = elements.chunk_by(|a, b| a.cell == b.cell);
     let report = VoxelReport {
         element_size: size,
         grid: grid.counts,
@@ -129,8 +161,83 @@ pub fn voxelise(surface: &Surface, options: &VoxelOptions) -> Result<Voxelised, 
         pieces: pieces.pieces.len(),
         dropped: dropped_pieces(&grid, &pieces, kept),
         minority_votes: votes.minority_count(),
+        split_cells: in_one_cell.filter(|same| same.len() > 1).count(),
+        bone_elements: bone_of.iter().filter(|&&bone| bone != NONE).count(),
     };
-    Ok(Voxelised { mesh, report })
+    Ok(Voxelised {
+        mesh,
+        report,
+        bone_nodes: bone_nodes(&bone_of, bones, &candidates, &corners, &numbered, &grid),
+        parts: cut.map(|cut| Parts {
+            grid,
+            cut,
+            elements: candidates.for_parts(&element_of),
+        }),
+    })
+}
+
+fn place_grid(
+    surface: &Surface,
+    options: &VoxelOptions,
+    min: Vector3<f64>,
+    max: Vector3<f64>,
+) -> Result<CellGrid, HexMeshError> {
+    let size = options.element_size;
+    // A centred cell of any size has its centre inside a convex body.
+    if size > (max - min).max() {
+        let advice = suggested_size(surface, size, min, max)?;
+        return Err(HexMeshError::LargerThanBody {
+            element_size: size,
+            min,
+            max,
+            suggested_size: advice,
+        });
+    }
+    match options.origin {
+        None => CellGrid::centred(min, max, size),
+        Some(origin) => CellGrid::anchored(min, max, size, origin),
+    }
+}
+
+/// The elements to be, which of them share nodes, and the parts of the cells if these are to be split.
+fn find_candidates(
+    surface: &Surface,
+    options: &VoxelOptions,
+    grid: &CellGrid,
+    votes: &InsideVotes,
+) -> (Candidates, Corners, Option<CutCells>) {
+    let cells = grid.counts.iter().product();
+    let Some(split) = options.split else {
+        let candidates = Candidates::new(cells, votes, None, 1.0);
+        return (candidates, Corners::whole(grid.counts), None);
+    };
+    let (vertices, triangles) = (surface.vertices(), surface.triangles());
+    let cut = CutCells::new(grid, split.samples, votes, vertices, triangles);
+    let mut candidates = Candidates::new(cells, votes, Some(&cut), split.least_fraction);
+    let corners = Corners::new(&cut, &candidates);
+    candidates.unite_inseparable(&corners);
+    (candidates, corners, Some(cut))
+}
+
+fn build_mesh(
+    elements: &[Candidate],
+    numbered: &NumberedParts,
+    corners: &Corners,
+    grid: &CellGrid,
+    quadrature: Quadrature,
+) -> HexMesh {
+    let position = |element: &Candidate| grid_position(element.cell as usize, grid.counts);
+    let cells = elements.iter().map(|element| grid.cell(position(element)));
+    let points = numbered.points.iter();
+    let points = points.map(|&point| grid.cell(corners.position(point as usize)));
+    HexMesh::from_numbered(
+        cells.collect(),
+        &points.collect::<Vec<_>>(),
+        numbered.elements.clone(),
+        grid.origin,
+        grid.size,
+        quadrature,
+    )
 }
 
 fn dropped_pieces(
@@ -142,7 +249,7 @@ fn dropped_pieces(
     let mut dropped: Vec<_> = dropped
         .filter(|&(index, _)| !kept(index))
         .map(|(_, piece)| DroppedPiece {
-            elements: piece.cells,
+            elements: piece.elements,
             min: grid.corner(grid.cell(piece.min)),
             max: grid.corner(grid.cell(piece.max).map(|i| i + 1)),
         })

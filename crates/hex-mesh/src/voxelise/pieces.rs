@@ -1,85 +1,151 @@
-//! The face-connected pieces of a set of cells.
+//! The face-connected pieces of the candidates.
+
+use super::candidates::Candidates;
+use super::corners::Corners;
+use crate::corner_offset;
 
 /// One face-connected piece.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) struct Piece {
-    pub cells: usize,
+    pub elements: usize,
     /// Lowest and highest cell of its bounding box.
     pub min: [usize; 3],
     pub max: [usize; 3],
 }
 
-/// All pieces, and the piece of each cell.
+/// All pieces, and the piece of each candidate.
 pub(crate) struct Pieces {
     pub pieces: Vec<Piece>,
-    /// Per cell of the grid: 0 outside, else one more than the index of its piece.
-    labels: Vec<u32>,
+    /// Per candidate: the index of its piece, or `NO_PIECE` for bone.
+    pub of_candidate: Vec<u32>,
 }
 
-const OUTSIDE: u32 = 0;
 const UNVISITED: u32 = u32::MAX;
+/// The piece of what is no flesh.
+pub(crate) const NO_PIECE: u32 = u32::MAX - 1;
 
 impl Pieces {
-    /// Splits the inside cells of a grid (x slowest) into pieces, in order of their first cell.
-    pub fn new(counts: [usize; 3], is_inside: impl Fn(usize) -> bool) -> Self {
-        let label = |cell| if is_inside(cell) { UNVISITED } else { OUTSIDE };
-        let mut labels: Vec<u32> = (0..counts.iter().product()).map(label).collect();
+    /// Sorts the candidates of a grid of `counts` cells (x slowest) into pieces, in order of their first candidate. Candidates
+    /// connect where they share all four nodes of a face. Only candidates for which `is_flesh` holds belong to pieces.
+    pub fn new(
+        counts: [usize; 3],
+        candidates: &Candidates,
+        corners: &Corners,
+        is_flesh: impl Fn(usize) -> bool,
+    ) -> Self {
+        let label = |candidate| {
+            if is_flesh(candidate) {
+                UNVISITED
+            } else {
+                NO_PIECE
+            }
+        };
+        let mut of_candidate: Vec<u32> = (0..candidates.list.len()).map(label).collect();
         let mut pieces = Vec::new();
         let mut stack = Vec::new();
-        for seed in 0..labels.len() {
-            if labels[seed] == UNVISITED {
-                let label = pieces.len() as u32 + 1;
-                pieces.push(flood(seed, label, counts, &mut labels, &mut stack));
+        for seed in 0..of_candidate.len() {
+            if of_candidate[seed] != UNVISITED {
+                continue;
             }
+            let label = pieces.len() as u32;
+            let mut piece = Piece {
+                elements: 0,
+                min: [usize::MAX; 3],
+                max: [0; 3],
+            };
+            of_candidate[seed] = label;
+            stack.push(seed);
+            while let Some(candidate) = stack.pop() {
+                piece.add(grid_position(
+                    candidates.list[candidate].cell as usize,
+                    counts,
+                ));
+                for_neighbours(counts, candidates, corners, candidate, |neighbour| {
+                    if of_candidate[neighbour] == UNVISITED {
+                        of_candidate[neighbour] = label;
+                        stack.push(neighbour);
+                    }
+                });
+            }
+            pieces.push(piece);
         }
-        Self { pieces, labels }
+        Self {
+            pieces,
+            of_candidate,
+        }
     }
 
-    /// The piece of a cell, if it is inside.
-    pub fn piece_of(&self, cell: usize) -> Option<usize> {
-        (self.labels[cell] as usize).checked_sub(1)
-    }
-
-    /// The piece with the most cells, the first among equals.
+    /// The piece with the most elements, the first among equals.
     pub fn largest(&self) -> Option<usize> {
         (0..self.pieces.len())
             .rev()
-            .max_by_key(|&piece| self.pieces[piece].cells)
+            .max_by_key(|&piece| self.pieces[piece].elements)
     }
 }
 
-fn flood(
-    seed: usize,
-    label: u32,
-    counts: [usize; 3],
-    labels: &mut [u32],
-    stack: &mut Vec<usize>,
-) -> Piece {
-    let strides = [counts[1] * counts[2], counts[2], 1];
-    let mut piece = Piece {
-        cells: 0,
-        min: [usize::MAX; 3],
-        max: [0; 3],
-    };
-    labels[seed] = label;
-    stack.push(seed);
-    while let Some(cell) = stack.pop() {
-        let position = grid_position(cell, counts);
-        piece.cells += 1;
-        for axis in 0..3 {
-            piece.min[axis] = piece.min[axis].min(position[axis]);
-            piece.max[axis] = piece.max[axis].max(position[axis]);
-            let below = (position[axis] > 0).then(|| cell - strides[axis]);
-            let above = (position[axis] + 1 < counts[axis]).then(|| cell + strides[axis]);
-            for neighbour in [below, above].into_iter().flatten() {
-                if labels[neighbour] == UNVISITED {
-                    labels[neighbour] = label;
-                    stack.push(neighbour);
-                }
-            }
+impl Piece {
+    fn add(&mut self, position: [usize; 3]) {
+        self.elements += 1;
+        for (axis, at) in position.into_iter().enumerate() {
+            self.min[axis] = self.min[axis].min(at);
+            self.max[axis] = self.max[axis].max(at);
         }
     }
-    piece
+}
+
+/// Calls `visit` with the candidates that share a face with a candidate.
+fn for_neighbours(
+    counts: [usize; 3],
+    candidates: &Candidates,
+    corners: &Corners,
+    candidate: usize,
+    mut visit: impl FnMut(usize),
+) {
+    let strides = [counts[1] * counts[2], counts[2], 1];
+    let cell = candidates.list[candidate].cell as usize;
+    let position = grid_position(cell, counts);
+    for axis in 0..3 {
+        if position[axis] > 0 {
+            let below = candidates.of_cell(cell - strides[axis]);
+            { below }
+                .filter(|&other| share_face(candidates, corners, [other, candidate], axis))
+                .for_each(&mut visit);
+        }
+        if position[axis] + 1 < counts[axis] {
+            let above = candidates.of_cell(cell + strides[axis]);
+            { above }
+                .filter(|&other| share_face(candidates, corners, [candidate, other], axis))
+                .for_each(&mut visit);
+        }
+    }
+    let in_cell = candidates.of_cell(cell).filter(|&other| other != candidate);
+    { in_cell }
+        .filter(|&other| overlap_in_face(candidates, corners, candidate, other))
+        .for_each(&mut visit);
+}
+
+/// Whether two candidates in neighbouring cells, the lower first, share the nodes of the face between them.
+fn share_face(candidates: &Candidates, corners: &Corners, pair: [usize; 2], axis: usize) -> bool {
+    let [lower, upper] = pair.map(|candidate| candidates.list[candidate]);
+    let bit = 4 >> axis;
+    let of_upper = |corner: &usize| corner_offset(*corner)[axis] == 0;
+    (0..8).filter(of_upper).all(|corner| {
+        let below = corners.class(lower.cell, corner | bit, lower.part);
+        below == corners.class(upper.cell, corner, upper.part)
+    })
+}
+
+/// Whether two candidates of one cell share the nodes of some face.
+fn overlap_in_face(candidates: &Candidates, corners: &Corners, a: usize, b: usize) -> bool {
+    let [a, b] = [a, b].map(|candidate| candidates.list[candidate]);
+    let shared: [bool; 8] = std::array::from_fn(|corner| {
+        corners.class(a.cell, corner, a.part) == corners.class(b.cell, corner, b.part)
+    });
+    let face = |axis: usize, side: usize| {
+        let on_face = |corner: &usize| corner_offset(*corner)[axis] == side;
+        (0..8).filter(on_face).all(|corner| shared[corner])
+    };
+    (0..3).any(|axis| face(axis, 0) || face(axis, 1))
 }
 
 /// Position in the grid of a flat index, x slowest.

@@ -37,10 +37,14 @@ pub struct VoxelReport {
     /// Cells for which one of the three rays disagreed with the other two. Zero unless the surface passes within rounding of cell
     /// centres.
     pub minority_votes: usize,
+    /// Cells that hold several elements, one for each separate part of the body.
+    pub split_cells: usize,
+    /// Elements that were left out because they lie inside bones.
+    pub bone_elements: usize,
 }
 
 impl VoxelReport {
-    /// Mesh volume over surface volume, less 1. Dropped pieces count as missing.
+    /// Mesh volume over surface volume, less 1. Dropped pieces and bones count as missing.
     #[must_use]
     pub fn relative_volume_error(&self) -> f64 {
         self.mesh_volume / self.surface_volume.abs() - 1.0
@@ -71,6 +75,12 @@ impl fmt::Display for VoxelReport {
                 "\n{} cells decided by two rays of three",
                 self.minority_votes
             )?;
+        }
+        if self.split_cells > 0 {
+            write!(f, "\n{} cells split into separate parts", self.split_cells)?;
+        }
+        if self.bone_elements > 0 {
+            write!(f, "\n{} elements left out for bones", self.bone_elements)?;
         }
         self.fmt_dropped(f)
     }
