@@ -105,6 +105,24 @@ impl NodeRegion {
         }
     }
 
+    /// Which of these points lie in the region, with the margin of [`NodeRegion::select`] for elements of `element_size`.
+    ///
+    /// # Errors
+    /// [`HexMeshError::RegionInvalid`], and [`HexMeshError::RegionNeedsSurface`] for [`NodeRegion::Surface`].
+    pub fn contains(
+        &self,
+        points: &[Vector3<f64>],
+        element_size: f64,
+    ) -> Result<Vec<bool>, HexMeshError> {
+        self.check()?;
+        if matches!(self, Self::Surface) {
+            return Err(HexMeshError::RegionNeedsSurface);
+        }
+        let margin = Self::MARGIN * element_size;
+        let inside = points.iter().map(|point| self.distance(point) <= margin);
+        Ok(inside.collect())
+    }
+
     fn check(&self) -> Result<(), HexMeshError> {
         match self {
             Self::Box { min, max } => {

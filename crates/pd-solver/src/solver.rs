@@ -67,6 +67,20 @@ impl Solver {
         Ok(solver)
     }
 
+    /// The nodes that effects prescribe on a mesh, in the order of [`Parameters::prescribed`], without building a solver.
+    ///
+    /// # Errors
+    /// When a set of nodes is not valid on this mesh.
+    pub fn prescribed_by(mesh: &HexMesh, effects: &[EffectSpec]) -> Result<Vec<u32>, SolverError> {
+        let mut nodes = Vec::new();
+        for (index, effect) in effects.iter().enumerate() {
+            if let EffectSpec::Prescribed { nodes: set } = effect {
+                nodes.extend(set.resolve(mesh, index)?);
+            }
+        }
+        Ok(nodes)
+    }
+
     /// Sets up the multigrid unless that was done before; false where the body has no hierarchy.
     fn add_cycle(&mut self) -> bool {
         if let Some(hierarchy) = self.hierarchy.take() {

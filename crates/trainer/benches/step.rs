@@ -25,7 +25,7 @@ fn steps(c: &mut Criterion) {
     let inputs = load_shapes(&scene, folder).expect("a valid starfish");
     let surface = inputs.surface.clone();
     let body = Body::new("starfish", surface, 0.06, scene.mesh.samples).expect("it fits");
-    let shapes = Shapes::new(&scene, &inputs, &body.vertex_weights).expect("valid shapes");
+    let shapes = Shapes::new(&scene, &inputs, None, &body.vertex_weights).expect("valid shapes");
     let training = shapes.training();
     let descriptor = |s: &&trainer::body::Shape| shapes.descriptor(&s.positions).expect("fits");
     let descriptors: Vec<Vec<f32>> = training.iter().map(descriptor).collect();
@@ -62,6 +62,7 @@ fn steps(c: &mut Criterion) {
         );
     });
     let mut simulator = ThroughSimulator {
+        hanging: None,
         body: &body,
         scene: &scene,
         shapes: &training,

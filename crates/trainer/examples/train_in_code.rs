@@ -70,7 +70,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     check(&scene, named, &inputs)?;
 
     let folder = tempfile::tempdir()?;
-    let run = Run::create(folder.path(), SCENE, &inputs)?;
+    let run = Run::create(folder.path(), SCENE, &inputs, &trainer::rig::Rig::default())?;
     let trained = train(&run)?;
     println!(
         "{}",

@@ -1,11 +1,12 @@
 //! A body ready to be simulated: surface, voxels, embedding, and the shapes it is to learn.
 
 use crate::error::{Result, TrainerError};
-use crate::scene::{Scene, SurfaceSource};
-use face_rig::{BlendBasis, Bounds};
-use hex_mesh::{Embedding, HexMesh, Quadrature, VoxelOptions, VoxelReport, embed, voxelise};
+use crate::rig::{Jaw, Rig};
+use crate::scene::{LossPart, Scene, SurfaceSource};
+use face_rig::{BlendBasis, Bounds, Joint, JointParameters};
+use hex_mesh::{Embedding, HexMesh, Quadrature, VoxelOptions, VoxelReport, voxelise_with_bones};
 use nalgebra::Vector3;
-use pd_solver::deformation_gradients;
+use pd_solver::{EffectSpec, NodeSet, Solver, deformation_gradients};
 use std::path::Path;
 use surface_mesh::{MorphTarget, MorphedSurface, Surface, read_surface};
 
@@ -41,6 +42,8 @@ pub struct Shape {
     pub set: ShapeSet,
     /// Vertex positions.
     pub positions: Vec<Vector3<f64>>,
+    /// What the jaw does, where that is known.
+    pub joint: Option<JointParameters>,
 }
 
 /// The neutral surface and all target shapes of a scene, read or generated.
@@ -64,10 +67,22 @@ pub fn load_shapes(scene: &Scene, data: &Path) -> Result<MorphedSurface> {
         SurfaceSource::File(file) => {
             let neutral = read_surface(data.join(file))?;
             let path = data.join(scene.shapes.file.as_ref().unwrap_or(file));
-            let targets = match &scene.shapes.file {
+            let mut targets = match &scene.shapes.file {
                 Some(_) => read_matching(&path, &neutral.surface)?,
                 None => neutral.targets,
             };
+            for name in &scene.shapes.leave_out {
+                let before = targets.len();
+                targets.retain(|target| target.name != *name);
+                if targets.len() == before {
+                    let known = targets.iter().map(|t| t.name.as_str());
+                    return Err(TrainerError::UnknownShape {
+                        place: "`shapes.leave_out`".into(),
+                        name: name.clone(),
+                        known: known.collect::<Vec<_>>().join(", "),
+                    });
+                }
+            }
             if targets.is_empty() {
                 return Err(TrainerError::NoTargets { path });
             }
@@ -120,16 +135,51 @@ pub struct Body {
     pub points: Vec<f32>,
     /// Length of the diagonal of the surface's bounding box.
     pub diagonal: f64,
-    /// Share of the surface's area around each vertex; the shares sum to 1.
+    /// What each vertex counts: its share of the surface's area, times the weights of the loss; they sum to 1.
     pub vertex_weights: Vec<f64>,
+    /// Nodes that bones hold at rest, by rising index.
+    pub fixed_nodes: Vec<u32>,
+    /// Nodes that hang on the joint, by rising index.
+    pub moved_nodes: Vec<u32>,
+    /// The joint; absent where nothing moves.
+    pub joint: Option<Joint>,
 }
 
 impl Body {
-    /// Voxelises a surface.
+    /// Voxelises a surface without bones.
     ///
     /// # Errors
     /// When the surface is open or the element size does not fit it.
     pub fn new(name: &str, surface: Surface, element_size: f64, samples: usize) -> Result<Self> {
+        Self::with_bones(name, surface, &Rig::default(), element_size, samples)
+    }
+
+    /// The body of a scene.
+    ///
+    /// # Errors
+    /// As [`Body::with_bones`], and when the loss names parts that do not exist.
+    pub fn of_scene(scene: &Scene, surface: Surface, rig: &Rig, element_size: f64) -> Result<Self> {
+        let name = match &scene.surface {
+            SurfaceSource::File(file) => file.display().to_string(),
+            SurfaceSource::Starfish(_) => scene.name.clone(),
+        };
+        let samples = scene.mesh.samples;
+        let mut body = Self::with_bones(&name, surface, rig, element_size, samples)?;
+        body.weigh(&scene.loss.weights)?;
+        Ok(body)
+    }
+
+    /// Voxelises a surface; the cells inside bones are left out, and the nodes around them are the bones'.
+    ///
+    /// # Errors
+    /// When the surface or a bone is open, the element size does not fit, or a bone holds nothing.
+    pub fn with_bones(
+        name: &str,
+        surface: Surface,
+        rig: &Rig,
+        element_size: f64,
+        samples: usize,
+    ) -> Result<Self> {
         let mesh_error = |source| TrainerError::Mesh {
             name: name.to_string(),
             source,
@@ -139,20 +189,114 @@ impl Body {
             quadrature: Quadrature::from_count(samples).map_err(mesh_error)?,
             ..VoxelOptions::new(element_size)
         };
-        let voxelised = voxelise(&surface, &options).map_err(mesh_error)?;
+        let bones: Vec<Surface> = rig.bones.iter().map(|b| b.surface.clone()).collect();
+        let voxelised = voxelise_with_bones(&surface, &bones, &options).map_err(mesh_error)?;
+        let embedding = voxelised.embed_surface(&surface).map_err(mesh_error)?;
         let mesh = voxelised.mesh;
-        let embedding = embed(&mesh, surface.vertices()).map_err(mesh_error)?;
+        let (mut fixed_nodes, mut moved_nodes) = (Vec::new(), Vec::new());
+        for (bone, nodes) in rig.bones.iter().zip(voxelised.bone_nodes) {
+            if nodes.is_empty() {
+                return Err(TrainerError::BoneOutside {
+                    bone: bone.name.clone(),
+                    element_size,
+                });
+            }
+            let list = if bone.moves {
+                &mut moved_nodes
+            } else {
+                &mut fixed_nodes
+            };
+            list.extend(nodes);
+        }
+        fixed_nodes.sort_unstable();
+        moved_nodes.sort_unstable();
         let areas = surface.vertex_areas();
         let total: f64 = areas.iter().sum();
         Ok(Self {
             points: normalised_points(&surface, &mesh.sample_positions()),
             diagonal: surface.diagonal(),
             vertex_weights: areas.iter().map(|a| a / total).collect(),
+            fixed_nodes,
+            moved_nodes,
+            joint: rig.jaw.as_ref().map(|jaw| jaw.joint()),
             report: voxelised.report,
             surface,
             mesh,
             embedding,
         })
+    }
+
+    /// Multiplies the weights of parts of the surface, and makes them sum to 1 again.
+    fn weigh(&mut self, parts: &[LossPart]) -> Result<()> {
+        for (i, part) in parts.iter().enumerate() {
+            let wrong = |problem: String| TrainerError::LossPart {
+                number: i + 1,
+                problem,
+            };
+            if !(part.weight.is_finite() && part.weight >= 0.0) {
+                let problem = format!(
+                    "has the weight {}: give a finite number, zero or more",
+                    part.weight
+                );
+                return Err(wrong(problem));
+            }
+            let vertices = self.surface.vertices();
+            let chosen = match (part.region, part.vertices) {
+                (Some(region), None) => region
+                    .contains(vertices, self.mesh.element_size())
+                    .map_err(|error| wrong(error.to_string()))?,
+                (None, Some([first, last])) if first <= last && last < vertices.len() => (0
+                    ..vertices.len())
+                    .map(|v| (first..=last).contains(&v))
+                    .collect(),
+                (None, Some([first, last])) => {
+                    let count = vertices.len();
+                    return Err(wrong(format!(
+                        "names the vertices {first} to {last}, but the surface has 0 to {}",
+                        count - 1
+                    )));
+                }
+                _ => return Err(wrong("needs either `region` or `vertices`".into())),
+            };
+            if !chosen.contains(&true) {
+                return Err(wrong("selects no vertex".into()));
+            }
+            for (weight, chosen) in self.vertex_weights.iter_mut().zip(chosen) {
+                if chosen {
+                    *weight *= part.weight;
+                }
+            }
+        }
+        let total: f64 = self.vertex_weights.iter().sum();
+        if total == 0.0 {
+            return Err(TrainerError::LossPart {
+                number: parts.len(),
+                problem: "leaves no vertex any weight".into(),
+            });
+        }
+        self.vertex_weights.iter_mut().for_each(|w| *w /= total);
+        Ok(())
+    }
+
+    /// The scene's effects, and the bones. Nodes that the scene prescribes itself stay with the scene.
+    ///
+    /// # Errors
+    /// When a region of the scene does not fit the body.
+    pub fn effects(&self, scene: &Scene) -> Result<Vec<EffectSpec>> {
+        let mut effects = scene.effects.clone();
+        if self.fixed_nodes.is_empty() && self.moved_nodes.is_empty() {
+            return Ok(effects);
+        }
+        let mut own = vec![false; self.mesh.nodes().len()];
+        for node in Solver::prescribed_by(&self.mesh, &effects)? {
+            own[node as usize] = true;
+        }
+        for bone in [&self.fixed_nodes, &self.moved_nodes] {
+            let free = bone.iter().copied().filter(|&n| !own[n as usize]);
+            let nodes = NodeSet::Indices(free.collect());
+            effects.push(EffectSpec::Prescribed { nodes });
+        }
+        Ok(effects)
     }
 
     /// Positions of the surface's vertices for positions of the nodes.
@@ -190,6 +334,7 @@ pub struct Shapes {
     /// Which of all shapes, all of them trained on.
     basis_indices: Vec<usize>,
     neutral: Vec<Vector3<f64>>,
+    jaw: Option<Jaw>,
 }
 
 impl Shapes {
@@ -197,7 +342,12 @@ impl Shapes {
     ///
     /// # Errors
     /// When the scene names a shape that does not exist, or the basis cannot be formed.
-    pub fn new(scene: &Scene, inputs: &MorphedSurface, vertex_weights: &[f64]) -> Result<Self> {
+    pub fn new(
+        scene: &Scene,
+        inputs: &MorphedSurface,
+        jaw: Option<&Jaw>,
+        vertex_weights: &[f64],
+    ) -> Result<Self> {
         let named = |place: &str, name: &String| {
             inputs
                 .target_index(name)
@@ -231,6 +381,7 @@ impl Shapes {
                     ShapeSet::Train
                 },
                 positions: inputs.shape(i),
+                joint: jaw.map(|jaw| jaw.parameters(&target.name)),
             })
             .collect();
         Ok(Self {
@@ -238,6 +389,7 @@ impl Shapes {
             basis,
             basis_indices,
             neutral: inputs.surface.vertices().to_vec(),
+            jaw: jaw.cloned(),
         })
     }
 
@@ -290,6 +442,14 @@ impl Shapes {
             name: label.collect::<Vec<_>>().join(" + "),
             set: ShapeSet::Blend,
             positions: inputs.blend(&all),
+            joint: self.jaw.as_ref().map(|jaw| {
+                let mut sum = Joint::REST;
+                for (name, weight) in weights {
+                    let own = jaw.parameters(name);
+                    sum.iter_mut().zip(own).for_each(|(s, x)| *s += weight * x);
+                }
+                sum
+            }),
         })
     }
 }

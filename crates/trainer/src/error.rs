@@ -105,6 +105,40 @@ pub enum TrainerError {
         /// Type and shape that fit.
         expected: String,
     },
+    /// A JSON file that does not hold what it should.
+    #[error("{}: {problem}", path.display())]
+    Json {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong and how to mend it.
+        problem: String,
+    },
+    /// A bone moves, but nothing says where its joint is.
+    #[error(
+        "the bone `{bone}` moves, but the scene does not say how: give `jaw.motions` (a JSON file of its motions) or `jaw.pivot`"
+    )]
+    JawMissing {
+        /// The bone.
+        bone: String,
+    },
+    /// A bone that holds no node of the body.
+    #[error(
+        "the bone `{bone}` holds no node of the body: it lies outside of the surface, or is thinner than an element of {element_size}"
+    )]
+    BoneOutside {
+        /// The bone.
+        bone: String,
+        /// Edge length of an element.
+        element_size: f64,
+    },
+    /// A part of the loss that names no vertex.
+    #[error("`loss.weights` number {number} {problem}")]
+    LossPart {
+        /// Which entry, from 1.
+        number: usize,
+        /// What is wrong and how to mend it.
+        problem: String,
+    },
     /// A run folder that cannot be used as asked.
     #[error("{}: {problem}", path.display())]
     Run {

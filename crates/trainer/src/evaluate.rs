@@ -3,12 +3,14 @@
 use crate::body::{Body, Shape, ShapeSet, Shapes, difference, read_matching};
 use crate::error::{Result, TrainerError};
 use crate::files::{create_folder, write_json};
+use crate::hanging::Hanging;
 use crate::loss::distances;
 use crate::progress::{Phase, stop_requested};
 use crate::run::Run;
 use crate::scene::Scene;
 use crate::stage2::set_actuation;
 use actuation_net::ActuationNet;
+use face_rig::JointParameters;
 use nalgebra::Vector3;
 use pd_solver::{SolveOptions, Solver, Status, Stop};
 use serde::Serialize;
@@ -40,6 +42,14 @@ pub struct ShapeResult {
     pub seconds: f64,
     /// Elements with at least one sample turned inside out.
     pub inverted_elements: usize,
+    /// Mean distance over the vertices that the loss does not leave out, each weighted by what it counts.
+    pub weighted_error: f64,
+    /// Distance that 99 of 100 of those vertices do not exceed.
+    pub error_p99: f64,
+    /// What the joint does: two angles in radians, a translation; where something hangs on it.
+    pub joint: Option<JointParameters>,
+    /// Mean distance of the nodes that hang on the joint from where they should be, where that is known.
+    pub jaw_error: Option<f64>,
     /// Weights that describe the shape to the network.
     pub descriptor: Vec<f32>,
     /// Where the surface's vertices should be.
@@ -75,6 +85,7 @@ pub struct Evaluator<'a> {
     body: &'a Body,
     scene: &'a Scene,
     solver: Solver,
+    hanging: Option<Hanging>,
 }
 
 impl<'a> Evaluator<'a> {
@@ -83,10 +94,11 @@ impl<'a> Evaluator<'a> {
     /// # Errors
     /// When the effects do not fit the body.
     pub fn new(body: &'a Body, scene: &'a Scene) -> Result<Self> {
-        let solver = Solver::new(&body.mesh, &scene.effects)?;
+        let solver = Solver::new(&body.mesh, &body.effects(scene)?)?;
         Ok(Self {
             body,
             scene,
+            hanging: Hanging::new(body, &solver),
             solver,
         })
     }
@@ -106,13 +118,20 @@ impl<'a> Evaluator<'a> {
         let output = net.evaluate(&descriptor, &self.body.points)?;
         let mut parameters = self.solver.rest_parameters();
         set_actuation(&mut parameters, &output.actuation);
+        let theta = self.hanging.as_ref().map(|hanging| {
+            let theta = hanging.parameters(&output.joint);
+            hanging.place(theta, &mut parameters);
+            theta
+        });
         let accuracy = self.scene.evaluation.accuracy * self.body.diagonal;
         let options =
             SolveOptions::new(Stop::Accuracy(accuracy)).with_method(self.scene.evaluation.method);
         let solution = self.solver.solve(&parameters, start, &options)?;
         let surface = self.body.surface_positions(&solution.positions);
         let seconds = clock.elapsed().as_secs_f64();
-        let (mean_error, max_error, _) = distances(&surface, &shape.positions);
+        let (mean_error, max_error, all) = distances(&surface, &shape.positions);
+        let (weighted_error, error_p99) = weighted(&all, &self.body.vertex_weights);
+        let jaw = self.hanging.as_ref().zip(theta).zip(shape.joint);
         let percent = 100.0 / self.body.diagonal;
         Ok(ShapeResult {
             name: shape.name.clone(),
@@ -125,6 +144,10 @@ impl<'a> Evaluator<'a> {
             iterations: solution.stats.iterations,
             status: solution.status,
             seconds,
+            weighted_error,
+            error_p99,
+            joint: theta,
+            jaw_error: jaw.map(|((hanging, own), wanted)| hanging.mean_distance(own, wanted)),
             inverted_elements: self.body.inverted_elements(&solution.positions),
             descriptor,
             target: shape.positions.clone(),
@@ -132,6 +155,19 @@ impl<'a> Evaluator<'a> {
             nodes: solution.positions,
         })
     }
+}
+
+/// Weighted mean of distances, and the distance that 99 % of the vertices with a weight do not exceed.
+fn weighted(distances: &[f64], weights: &[f64]) -> (f64, f64) {
+    let mean = distances.iter().zip(weights).map(|(d, w)| d * w).sum();
+    let counted = distances.iter().zip(weights).filter(|(_, w)| **w > 0.0);
+    let mut counted: Vec<f64> = counted.map(|(d, _)| *d).collect();
+    counted.sort_unstable_by(f64::total_cmp);
+    let last = (0.99 * counted.len() as f64).ceil() as usize;
+    (
+        mean,
+        counted.get(last.saturating_sub(1)).copied().unwrap_or(0.0),
+    )
 }
 
 /// What to evaluate.
@@ -156,8 +192,9 @@ pub fn evaluate(run: &Run, request: &EvaluationRequest) -> Result<(Vec<ShapeResu
     let inputs = run.inputs()?;
     let element_size = request.element_size.unwrap_or(scene.mesh.element_size);
     let surface = inputs.surface.clone();
-    let body = Body::new(&scene.name, surface, element_size, scene.mesh.samples)?;
-    let shapes = Shapes::new(&scene, &inputs, &body.vertex_weights)?;
+    let rig = run.rig()?;
+    let body = Body::of_scene(&scene, surface, &rig, element_size)?;
+    let shapes = Shapes::new(&scene, &inputs, rig.jaw.as_ref(), &body.vertex_weights)?;
     let config = crate::train::network_config(&scene, &shapes);
     if !run.model_path().exists() {
         return Err(TrainerError::Run {
@@ -192,6 +229,7 @@ fn held_out(path: &Path, inputs: &MorphedSurface) -> Result<Vec<Shape>> {
             .zip(&target.deltas)
             .map(|(x, d)| x + d)
             .collect(),
+        joint: None,
     });
     Ok(shapes.collect())
 }

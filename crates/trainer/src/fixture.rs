@@ -68,7 +68,7 @@ pub fn body(scene: &Scene) -> Body {
 }
 
 pub fn shapes(scene: &Scene, body: &Body) -> Shapes {
-    Shapes::new(scene, &inputs(), &body.vertex_weights).unwrap()
+    Shapes::new(scene, &inputs(), None, &body.vertex_weights).unwrap()
 }
 
 /// A result with a mean error of one hundredth of a diagonal of 2.
@@ -85,6 +85,10 @@ pub fn result(name: &str, set: ShapeSet) -> ShapeResult {
         status: Status::Converged,
         seconds: 0.1,
         inverted_elements: 0,
+        weighted_error: 0.02,
+        error_p99: 0.04,
+        joint: None,
+        jaw_error: None,
         descriptor: vec![1.0, 0.0],
         target: Vec::new(),
         surface: Vec::new(),

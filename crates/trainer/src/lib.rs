@@ -17,9 +17,11 @@ pub mod evaluate;
 pub mod files;
 #[cfg(test)]
 mod fixture;
+pub mod hanging;
 pub mod loss;
 pub mod npy;
 mod progress;
+pub mod rig;
 pub mod run;
 pub mod scene;
 mod sheets;

@@ -5,6 +5,7 @@ use pd_solver::{Method, Stop};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use trainer::evaluate::{EvaluationRequest, evaluate, parse_weights};
+use trainer::rig::Rig;
 use trainer::run::{Run, newest_folder, next_folder};
 use trainer::scene::Scene;
 use trainer::solve::{BodySource, SolveRequest, solve};
@@ -176,11 +177,13 @@ fn run_train(args: &TrainArgs) -> trainer::Result<()> {
     } else {
         let (scene, text) = Scene::read(&args.scene)?;
         let beside = args.scene.parent().map(PathBuf::from).unwrap_or_default();
-        let inputs = body::load_shapes(&scene, args.data.as_ref().unwrap_or(&beside))?;
-        check(&scene, &args.scene, &inputs)?;
+        let data = args.data.as_ref().unwrap_or(&beside);
+        let inputs = body::load_shapes(&scene, data)?;
+        let rig = Rig::load(&scene, data)?;
+        check(&scene, &args.scene, &inputs, &rig)?;
         let folder = args.out.clone();
         let folder = folder.unwrap_or_else(|| next_folder(Path::new(RUNS), &scene.name));
-        Run::create(&folder, &text, &inputs)?
+        Run::create(&folder, &text, &inputs, &rig)?
     };
     let scene = run.scene()?;
     eprintln!(

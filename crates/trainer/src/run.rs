@@ -2,6 +2,7 @@
 
 use crate::error::{Result, TrainerError, file_error};
 use crate::files::{create_folder, remove_unfinished, write_whole};
+use crate::rig::Rig;
 use crate::scene::Scene;
 use std::fs::File;
 use std::io::Write;
@@ -17,11 +18,16 @@ pub struct Run {
 }
 
 impl Run {
-    /// Starts a new run: the folder gets the scene as used and the input shapes.
+    /// Starts a new run: the folder gets the scene as used, the input shapes and the bones.
     ///
     /// # Errors
     /// When the folder holds a run already or cannot be written.
-    pub fn create(folder: &Path, scene_text: &str, inputs: &MorphedSurface) -> Result<Self> {
+    pub fn create(
+        folder: &Path,
+        scene_text: &str,
+        inputs: &MorphedSurface,
+        rig: &Rig,
+    ) -> Result<Self> {
         create_folder(folder)?;
         let run = Self::lock(folder)?;
         if run.scene_path().exists() {
@@ -32,6 +38,7 @@ impl Run {
             });
         }
         write_glb(run.inputs_path(), inputs)?;
+        rig.write(&run.rig_folder())?;
         // Last: a folder with a scene is a run.
         write_whole(&run.scene_path(), scene_text.as_bytes())?;
         Ok(run)
@@ -89,6 +96,18 @@ impl Run {
     /// When the file cannot be read.
     pub fn inputs(&self) -> Result<MorphedSurface> {
         Ok(read_surface(self.inputs_path())?)
+    }
+
+    /// The bones, kept as the shapes are.
+    ///
+    /// # Errors
+    /// When a file cannot be read.
+    pub fn rig(&self) -> Result<Rig> {
+        Rig::read(&self.rig_folder())
+    }
+
+    fn rig_folder(&self) -> PathBuf {
+        self.folder.join("rig")
     }
 
     fn scene_path(&self) -> PathBuf {
@@ -209,7 +228,7 @@ mod tests {
     use serde_json::json;
 
     fn run(folder: &Path) -> Run {
-        Run::create(folder, fixture::SCENE, &fixture::inputs()).unwrap()
+        Run::create(folder, fixture::SCENE, &fixture::inputs(), &Rig::default()).unwrap()
     }
 
     #[test]
@@ -245,7 +264,12 @@ mod tests {
         assert!(message(Run::open(folder.path())).contains("another process"));
         drop(held);
         Run::open(folder.path()).unwrap();
-        let again = Run::create(folder.path(), fixture::SCENE, &fixture::inputs());
+        let again = Run::create(
+            folder.path(),
+            fixture::SCENE,
+            &fixture::inputs(),
+            &Rig::default(),
+        );
         assert!(message(again).contains("--resume"));
     }
 

@@ -1,7 +1,9 @@
 //! Scene files: what a body is made of, which shapes it is to learn, and how.
 
 use crate::error::{Result, TrainerError, file_error, suggestion};
+use crate::rig::{BoneSettings, JawSettings};
 use actuation_net::Width;
+use hex_mesh::NodeRegion;
 use pd_solver::{EffectSpec, Method};
 use scene_shapes::{StarfishPose, StarfishShape};
 use serde::{Deserialize, Serialize};
@@ -32,6 +34,12 @@ pub struct Scene {
     pub poses: Vec<NamedPose>,
     /// Voxels and samples.
     pub mesh: MeshSettings,
+    /// Bones: closed surfaces inside the body. The nodes that they hold are prescribed.
+    #[serde(default, rename = "bone")]
+    pub bones: Vec<BoneSettings>,
+    /// The joint that moves bones which move.
+    #[serde(default)]
+    pub jaw: JawSettings,
     /// What acts on the body; what is not listed costs nothing.
     pub effects: Vec<EffectSpec>,
     /// The network.
@@ -70,6 +78,9 @@ pub struct ShapeList {
     /// Names of the shapes that are held out of training.
     #[serde(default)]
     pub held_out: Vec<String>,
+    /// Names of shapes of the file that are no targets, such as correctives that mean nothing alone.
+    #[serde(default)]
+    pub leave_out: Vec<String>,
     /// Names of the shapes whose weights describe any shape to the network; all training shapes where not given.
     pub basis: Option<Vec<String>>,
 }
@@ -126,6 +137,21 @@ pub struct LossSettings {
     /// alpha of the paper: 0 for bodies, 1 for faces.
     #[serde(default)]
     pub normal_weight: f64,
+    /// Parts of the surface that count less or more than their area, or not at all. A vertex of several takes their product.
+    #[serde(default)]
+    pub weights: Vec<LossPart>,
+}
+
+/// A part of the surface and what it counts: one of the two selections.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct LossPart {
+    /// The vertices in a region of the neutral shape.
+    pub region: Option<NodeRegion>,
+    /// The first and the last vertex of a range.
+    pub vertices: Option<[usize; 2]>,
+    /// Factor on the area: 0 for what the simulation cannot see.
+    pub weight: f64,
 }
 
 /// Stage 1: pull the passive body onto every target with springs, then fit the network to the stretch found.

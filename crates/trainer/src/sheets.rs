@@ -151,7 +151,13 @@ mod tests {
     #[test]
     fn a_stage_without_points_has_no_plot() {
         let folder = tempfile::tempdir().unwrap();
-        let run = Run::create(folder.path(), fixture::SCENE, &fixture::inputs()).unwrap();
+        let run = Run::create(
+            folder.path(),
+            fixture::SCENE,
+            &fixture::inputs(),
+            &crate::rig::Rig::default(),
+        )
+        .unwrap();
         let text = "{\"stage\":1,\"epoch\":1,\"loss\":0.5}\n{\"stage\":1,\"epoch\":2,\"loss\":0.1}\n\
                     {\"stage\":2,\"step\":0,\"dropped\":\"long: the equilibrium is Stalled\"}\n{\"sta";
         std::fs::write(run.metrics_path(), text).unwrap();

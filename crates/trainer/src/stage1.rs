@@ -7,14 +7,18 @@
 use crate::body::{Body, Shape};
 use crate::draw;
 use crate::error::Result;
+use crate::hanging::Hanging;
 use crate::progress::Phase;
 use crate::scene::{Scene, Stage1};
-use actuation_net::{ActuationNet, Adam, AdamState, OutputCotangent};
+use actuation_net::{ActuationNet, Adam, AdamState, JOINT_SIZE, OutputCotangent};
 use nalgebra::{Matrix3, Vector3};
 use pd_solver::{
     EffectSpec, SolveOptions, Solver, SpringPoints, Status, Stop, deformation_gradients,
 };
 use rand::Rng;
+
+/// The network's answer for the joint, where something hangs on it.
+type JointAnswer = Option<[f32; JOINT_SIZE]>;
 
 /// A shape pulled into place, and the actuation that holds it there.
 pub struct Pulled {
@@ -22,9 +26,11 @@ pub struct Pulled {
     pub nodes: Vec<Vector3<f64>>,
     /// `b` per sample, `[elements * samples, 6]`.
     pub actuation: Vec<f32>,
+    /// What the network has to answer for the joint; absent where nothing hangs on it.
+    pub joint: Option<[f32; JOINT_SIZE]>,
 }
 
-/// Pulls the passive body onto every shape; `between` is asked before each whether to go on.
+/// Pulls the passive body onto every shape, with the bones moved as in the shape; `between` is asked before each whether to go on.
 ///
 /// # Errors
 /// When the effects do not fit the body, and what `between` returns. A pull that does not converge is used as far as it came, and said.
@@ -34,7 +40,8 @@ pub fn pull(
     shapes: &[&Shape],
     mut between: impl FnMut() -> Result<()>,
 ) -> Result<Vec<Pulled>> {
-    let mut solver = Solver::new(&body.mesh, &pulling_effects(body, scene))?;
+    let mut solver = Solver::new(&body.mesh, &pulling_effects(body, scene)?)?;
+    let hanging = Hanging::new(body, &solver);
     let options = SolveOptions::new(Stop::Accuracy(scene.stage2.accuracy * body.diagonal));
     let mut phase = Phase::new("targets", shapes.len() as u64, 0);
     let mut loose = Vec::new();
@@ -43,6 +50,10 @@ pub fn pull(
         between()?;
         let mut parameters = solver.rest_parameters();
         parameters.spring_targets.clone_from(&shape.positions);
+        let theta = hanging.as_ref().zip(shape.joint);
+        if let Some((hanging, theta)) = &theta {
+            hanging.place(*theta, &mut parameters);
+        }
         let solution = solver.solve(&parameters, None, &options)?;
         if solution.status != Status::Converged {
             loose.push(shape.name.as_str());
@@ -55,6 +66,7 @@ pub fn pull(
         all.push(Pulled {
             actuation: gradients.iter().flat_map(stretch).collect(),
             nodes: solution.positions,
+            joint: theta.map(|(hanging, theta)| hanging.answer(&theta)),
         });
         phase.step(|| shape.name.clone());
     }
@@ -67,14 +79,15 @@ pub fn pull(
 }
 
 /// Elasticity and prescribed nodes of the scene, and a spring at every surface vertex.
-fn pulling_effects(body: &Body, scene: &Scene) -> Vec<EffectSpec> {
+fn pulling_effects(body: &Body, scene: &Scene) -> Result<Vec<EffectSpec>> {
     let is_kept = |e: &&EffectSpec| {
         matches!(
             e,
             EffectSpec::Elasticity { .. } | EffectSpec::Prescribed { .. }
         )
     };
-    let mut effects: Vec<EffectSpec> = scene.effects.iter().filter(is_kept).cloned().collect();
+    let mut effects = body.effects(scene)?;
+    effects.retain(|e| is_kept(&e));
     let elasticity = effects.iter().find_map(|e| match e {
         EffectSpec::Elasticity { stiffness } => Some(*stiffness),
         _ => None,
@@ -87,7 +100,7 @@ fn pulling_effects(body: &Body, scene: &Scene) -> Vec<EffectSpec> {
         },
         stiffness: per_area * elasticity.unwrap_or(1.0),
     });
-    effects
+    Ok(effects)
 }
 
 /// Steps of the whole stage.
@@ -131,7 +144,8 @@ impl Regression<'_> {
         for &shape in &batch {
             let chosen = self.draw_points(&mut generator);
             let target = gather(&self.targets[shape].actuation, &chosen, 6);
-            let learned = (self.descriptors[shape].as_slice(), target.as_slice());
+            let joint = self.targets[shape].joint;
+            let learned = (self.descriptors[shape].as_slice(), target.as_slice(), joint);
             loss += self.add_misfit(net, &chosen, learned, 1.0 / count, &mut gradient)?;
         }
         let blends = self.settings.blends;
@@ -168,20 +182,26 @@ impl Regression<'_> {
         let mut loss = 0.0;
         for _ in 0..count {
             let chosen = self.draw_points(generator);
-            let (descriptor, target) = self.superposition(&chosen, generator);
-            let learned = (descriptor.as_slice(), target.as_slice());
+            let (descriptor, target, joint) = self.superposition(&chosen, generator);
+            let learned = (descriptor.as_slice(), target.as_slice(), joint);
             loss += self.add_misfit(net, &chosen, learned, weight, gradient)?;
         }
         Ok(loss)
     }
 
-    /// Random weights over the basis, two to four of them not zero, and the weighted sum of the actuations at some samples.
-    fn superposition(&self, chosen: &[usize], generator: &mut impl Rng) -> (Vec<f32>, Vec<f32>) {
+    /// Random weights over the basis, two to four of them not zero, and the weighted sums of the actuations at some samples and of the
+    /// joint's parameters.
+    fn superposition(
+        &self,
+        chosen: &[usize],
+        generator: &mut impl Rng,
+    ) -> (Vec<f32>, Vec<f32>, JointAnswer) {
         let size = self.basis.len();
         let members = generator.random_range(2..=4).min(size);
         let order = draw::order(generator, size);
         let mut weights = vec![0.0; size];
         let mut target = vec![0.0; chosen.len() * 6];
+        let mut joint: JointAnswer = None;
         for &member in order.iter().take(members) {
             let weight = generator.random_range(0.0..=1.0);
             weights[member] = weight;
@@ -190,8 +210,12 @@ impl Regression<'_> {
                 .iter_mut()
                 .zip(part)
                 .for_each(|(t, p)| *t += weight * p);
+            if let Some(own) = self.targets[self.basis[member]].joint {
+                let sum = joint.get_or_insert_default();
+                sum.iter_mut().zip(own).for_each(|(s, x)| *s += weight * x);
+            }
         }
-        (weights, target)
+        (weights, target, joint)
     }
 
     fn draw_points(&self, generator: &mut impl Rng) -> Vec<usize> {
@@ -203,7 +227,7 @@ impl Regression<'_> {
         &self,
         net: &ActuationNet,
         chosen: &[usize],
-        (descriptor, target): (&[f32], &[f32]),
+        (descriptor, target, joint): (&[f32], &[f32], JointAnswer),
         weight: f64,
         gradient: &mut [f32],
     ) -> Result<f64> {
@@ -213,8 +237,16 @@ impl Regression<'_> {
         let cotangent = |output: &actuation_net::Output| {
             let (value, actuation) = misfit(&output.actuation, target, scale);
             loss = value;
-            let joint = [0.0; actuation_net::JOINT_SIZE];
-            OutputCotangent { actuation, joint }
+            let mut joint_bar = [0.0; JOINT_SIZE];
+            for (k, wanted) in joint.iter().flatten().enumerate() {
+                let off = f64::from(output.joint[k] - wanted);
+                loss += weight * off * off;
+                joint_bar[k] = (2.0 * weight * off) as f32;
+            }
+            OutputCotangent {
+                actuation,
+                joint: joint_bar,
+            }
         };
         let (_, part) = net.evaluate_vjp(descriptor, &points, cotangent)?;
         gradient.iter_mut().zip(part).for_each(|(g, p)| *g += p);
@@ -334,7 +366,8 @@ mod tests {
         let (mut one, mut same) = (draw::generator(5, 4, 0), draw::generator(5, 4, 0));
         for _ in 0..30 {
             let chosen = [0, 7, 3];
-            let (weights, target) = regression.superposition(&chosen, &mut one);
+            let (weights, target, joint) = regression.superposition(&chosen, &mut one);
+            assert_eq!(joint, None);
             let again = regression.superposition(&chosen, &mut same);
             assert_eq!((&weights, &target), (&again.0, &again.1));
             assert!(weights.iter().all(|w| (0.0..=1.0).contains(w)));

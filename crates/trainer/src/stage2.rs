@@ -3,6 +3,7 @@
 use crate::body::{Body, Shape};
 use crate::draw;
 use crate::error::Result;
+use crate::hanging::Hanging;
 use crate::loss::{Loss, distances};
 use crate::scene::{Scene, Stage2};
 use crate::stage1::Regression;
@@ -49,6 +50,8 @@ pub struct ThroughSimulator<'a> {
     pub descriptors: &'a [Vec<f32>],
     /// The solver.
     pub solver: Solver,
+    /// What hangs on the joint.
+    pub hanging: Option<Hanging>,
     /// Superpositions that are learned along, where the scene wants it.
     pub blends: Option<&'a Regression<'a>>,
 }
@@ -83,6 +86,11 @@ impl ThroughSimulator<'_> {
         };
         let mut parameters = self.solver.rest_parameters();
         set_actuation(&mut parameters, &traced.output().actuation);
+        let theta = self.hanging.as_ref().map(|hanging| {
+            let theta = hanging.parameters(&traced.output().joint);
+            hanging.place(theta, &mut parameters);
+            theta
+        });
         let options = SolveOptions::new(Stop::Accuracy(settings.accuracy * self.body.diagonal));
         let solution = self
             .solver
@@ -117,7 +125,11 @@ impl ThroughSimulator<'_> {
             .flatten()
             .map(|&x| x as f32)
             .collect();
-        let mut gradient = traced.backward(&actuation_bar, &[0.0; JOINT_SIZE]);
+        let joint_bar = match (&self.hanging, theta) {
+            (Some(hanging), Some(theta)) => hanging.vjp(theta, &gradient.prescribed),
+            _ => [0.0; JOINT_SIZE],
+        };
+        let mut gradient = traced.backward(&actuation_bar, &joint_bar);
         if let Some(blends) = &self.blends {
             let mut generator = draw::generator(self.scene.seed, 5, step);
             let weight = settings.blend_weight / BLENDS_PER_STEP as f64;

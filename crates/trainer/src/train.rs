@@ -5,9 +5,11 @@ use crate::checkpoint::{Checkpoint, RunningMean, Stage, StageError};
 use crate::error::{Result, TrainerError};
 use crate::evaluate::{self, Evaluator, ShapeResult};
 use crate::files::create_folder;
+use crate::hanging::Hanging;
 use crate::progress::{Phase, stop_requested};
+use crate::rig::Rig;
 use crate::run::{Metrics, Run};
-use crate::scene::{Scene, SurfaceSource};
+use crate::scene::Scene;
 use crate::stage1::{self, Pulled, Regression};
 use crate::stage2::{self, Outcome, ThroughSimulator};
 use crate::table::mean_of;
@@ -50,11 +52,7 @@ pub fn network_config(scene: &Scene, shapes: &Shapes) -> NetworkConfig {
 ///
 /// # Errors
 /// When something does not fit; `path` is the scene file.
-pub fn check(scene: &Scene, path: &Path, inputs: &MorphedSurface) -> Result<()> {
-    let name = match &scene.surface {
-        SurfaceSource::File(file) => file.display().to_string(),
-        SurfaceSource::Starfish(_) => scene.name.clone(),
-    };
+pub fn check(scene: &Scene, path: &Path, inputs: &MorphedSurface, rig: &Rig) -> Result<()> {
     let is_held_out = |target: &MorphTarget| scene.shapes.held_out.contains(&target.name);
     if inputs.targets.iter().all(is_held_out) {
         return Err(TrainerError::SceneValue {
@@ -64,16 +62,11 @@ pub fn check(scene: &Scene, path: &Path, inputs: &MorphedSurface) -> Result<()> 
             mend: "leave at least one shape to train on",
         });
     }
-    let mesh = &scene.mesh;
-    let body = Body::new(
-        &name,
-        inputs.surface.clone(),
-        mesh.element_size,
-        mesh.samples,
-    )?;
-    let shapes = Shapes::new(scene, inputs, &body.vertex_weights)?;
+    let surface = inputs.surface.clone();
+    let body = Body::of_scene(scene, surface, rig, scene.mesh.element_size)?;
+    let shapes = Shapes::new(scene, inputs, rig.jaw.as_ref(), &body.vertex_weights)?;
     network_config(scene, &shapes).validate()?;
-    Solver::new(&body.mesh, &scene.effects)?;
+    Solver::new(&body.mesh, &body.effects(scene)?)?;
     Ok(())
 }
 
@@ -85,19 +78,16 @@ pub fn check(scene: &Scene, path: &Path, inputs: &MorphedSurface) -> Result<()> 
 pub fn train(run: &Run) -> Result<Trained> {
     let scene = run.scene()?;
     let inputs = run.inputs()?;
+    let rig = run.rig()?;
     let surface = inputs.surface.clone();
-    let body = Body::new(
-        &scene.name,
-        surface,
-        scene.mesh.element_size,
-        scene.mesh.samples,
-    )?;
+    let body = Body::of_scene(&scene, surface, &rig, scene.mesh.element_size)?;
     eprintln!(
         "{:>12} {}",
         "body",
         body.report.to_string().replace('\n', "\n             ")
     );
-    let shapes = Shapes::new(&scene, &inputs, &body.vertex_weights)?;
+    tell_bones(&body, &rig, &scene.unit);
+    let shapes = Shapes::new(&scene, &inputs, rig.jaw.as_ref(), &body.vertex_weights)?;
     let config = network_config(&scene, &shapes);
     let state = if run.checkpoint_path().exists() {
         Checkpoint::read(run, &config)?
@@ -161,6 +151,29 @@ pub fn train(run: &Run) -> Result<Trained> {
         dropped: state.dropped,
         diagonal: body.diagonal,
     })
+}
+
+/// Says what the bones hold and where the jaw turns.
+fn tell_bones(body: &Body, rig: &Rig, unit: &str) {
+    if rig.bones.is_empty() {
+        return;
+    }
+    let names: Vec<&str> = rig.bones.iter().map(|b| b.name.as_str()).collect();
+    let (fixed, moved) = (body.fixed_nodes.len(), body.moved_nodes.len());
+    eprintln!(
+        "{:>12} {}: {fixed} nodes held, {moved} nodes on the joint",
+        "bones",
+        names.join(", ")
+    );
+    if let Some(jaw) = &rig.jaw {
+        let [x, y, z] = jaw.pivot;
+        eprintln!(
+            "{:>12} turns about ({x:.3}, {y:.3}, {z:.3}) {unit}; {} motions known, the farthest {:.3} degrees from what the joint can do",
+            "jaw",
+            jaw.shapes.len(),
+            jaw.residual_angle.to_degrees()
+        );
+    }
 }
 
 /// A checkpoint knows its network; whether its positions are those of this body and these shapes shows here.
@@ -308,12 +321,14 @@ impl Session<'_> {
         descriptors: &[Vec<f32>],
     ) -> Result<()> {
         let steps = stage2::steps(&self.scene.stage2, training.len());
+        let solver = Solver::new(&self.body.mesh, &self.body.effects(self.scene)?)?;
         let mut simulator = ThroughSimulator {
             body: self.body,
             scene: self.scene,
             shapes: training,
             descriptors,
-            solver: Solver::new(&self.body.mesh, &self.scene.effects)?,
+            hanging: Hanging::new(self.body, &solver),
+            solver,
             blends: (self.scene.stage2.blend_weight > 0.0).then_some(regression),
         };
         let percent = 100.0 / self.body.diagonal;
@@ -378,7 +393,13 @@ mod tests {
     #[test]
     fn a_run_whose_scene_was_changed_is_not_resumed() {
         let folder = tempfile::tempdir().unwrap();
-        let run = Run::create(folder.path(), fixture::SCENE, &fixture::inputs()).unwrap();
+        let run = Run::create(
+            folder.path(),
+            fixture::SCENE,
+            &fixture::inputs(),
+            &crate::rig::Rig::default(),
+        )
+        .unwrap();
         assert_eq!(train(&run).unwrap().results.len(), 3);
         for (from, to, expected) in [
             ("[mesh]", "held_out = [\"both\"]\n[mesh]", "holds 3 shapes"),

@@ -1,0 +1,313 @@
+//! The bones of a scene and the joint that moves the mandible, as they are read and as a run keeps them.
+
+use crate::error::{Result, TrainerError, file_error};
+use crate::files::{create_folder, write_json};
+use crate::scene::Scene;
+use face_rig::{Joint, JointParameters};
+use nalgebra::{Isometry3, Matrix3, Rotation3, Translation3, UnitQuaternion, Vector3};
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+use surface_mesh::{MorphedSurface, Surface, read_surface, write_glb};
+
+/// How far a matrix in a file of motions may be from a rotation.
+const ROTATION_SLACK: f64 = 1e-3;
+
+/// A bone as a scene lists it.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct BoneSettings {
+    /// Name of the bone.
+    pub name: String,
+    /// Its closed surface: OBJ, glTF or GLB, relative to the data folder.
+    pub file: PathBuf,
+    /// Whether the jaw joint moves it; it stays at rest otherwise.
+    #[serde(default)]
+    pub moves: bool,
+}
+
+/// The jaw joint as a scene describes it.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct JawSettings {
+    /// JSON file of the rigid motions that the moved bones make in the target shapes, relative to the data folder. The pivot is fitted
+    /// to them. Shapes that it does not name leave the jaw at rest.
+    pub motions: Option<PathBuf>,
+    /// Where the joint turns, instead of the fitted place.
+    pub pivot: Option<[f64; 3]>,
+}
+
+/// A bone with its surface.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Bone {
+    /// Its name.
+    pub name: String,
+    /// Whether the joint moves it.
+    pub moves: bool,
+    /// Its closed surface at rest.
+    pub surface: Surface,
+}
+
+/// The joint and what it does in each shape.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Jaw {
+    /// Where both rotations turn.
+    pub pivot: [f64; 3],
+    /// Joint parameters that come nearest to the motion of each shape that has one: two angles in radians, a translation.
+    pub shapes: BTreeMap<String, JointParameters>,
+    /// The largest angle, in radians, between a motion and what the joint makes of it: what two rotations cannot express.
+    pub residual_angle: f64,
+}
+
+/// All bones, and the jaw where a bone moves.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Rig {
+    /// The bones, in the order of the scene.
+    pub bones: Vec<Bone>,
+    /// The jaw; absent where no bone moves.
+    pub jaw: Option<Jaw>,
+}
+
+/// What `rig.json` holds of the bones.
+#[derive(Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Kept {
+    bones: Vec<KeptBone>,
+    jaw: Option<Jaw>,
+}
+
+#[derive(Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct KeptBone {
+    name: String,
+    moves: bool,
+}
+
+impl Jaw {
+    /// The joint itself.
+    pub fn joint(&self) -> Joint {
+        Joint::new(Vector3::from(self.pivot))
+    }
+
+    /// What the joint does in a shape; nothing where no motion is known for it.
+    pub fn parameters(&self, shape: &str) -> JointParameters {
+        self.shapes.get(shape).copied().unwrap_or(Joint::REST)
+    }
+}
+
+impl Rig {
+    /// Reads the bones of a scene and fits the joint.
+    ///
+    /// # Errors
+    /// When a file cannot be read, a bone is open, a bone moves but nothing says how, or a motion is not rigid.
+    pub fn load(scene: &Scene, data: &Path) -> Result<Self> {
+        let bones = scene.bones.iter().map(|bone| {
+            let surface = read_surface(data.join(&bone.file))?.surface;
+            surface_mesh::report(&surface).require_closed(&bone.file.display().to_string())?;
+            Ok(Bone {
+                name: bone.name.clone(),
+                moves: bone.moves,
+                surface,
+            })
+        });
+        let bones = bones.collect::<Result<Vec<_>>>()?;
+        let moving: Vec<&Bone> = bones.iter().filter(|b| b.moves).collect();
+        let jaw = match (&scene.jaw.motions, scene.jaw.pivot) {
+            _ if moving.is_empty() => None,
+            (Some(file), pivot) => {
+                let path = data.join(file);
+                Some(fit(
+                    &path,
+                    &read_motions(&path, &scene.unit)?,
+                    pivot,
+                    &moving,
+                )?)
+            }
+            (None, Some(pivot)) => Some(Jaw {
+                pivot,
+                shapes: BTreeMap::new(),
+                residual_angle: 0.0,
+            }),
+            (None, None) => {
+                return Err(TrainerError::JawMissing {
+                    bone: moving[0].name.clone(),
+                });
+            }
+        };
+        Ok(Self { bones, jaw })
+    }
+
+    /// Writes everything into a folder, `rig.json` last; nothing where there are no bones.
+    ///
+    /// # Errors
+    /// When a file cannot be written.
+    pub fn write(&self, folder: &Path) -> Result<()> {
+        if self.bones.is_empty() {
+            return Ok(());
+        }
+        create_folder(folder)?;
+        let mut bones = Vec::new();
+        for (i, bone) in self.bones.iter().enumerate() {
+            let surface = MorphedSurface::new(bone.surface.clone(), Vec::new())?;
+            write_glb(bone_path(folder, i), &surface)?;
+            bones.push(KeptBone {
+                name: bone.name.clone(),
+                moves: bone.moves,
+            });
+        }
+        let jaw = self.jaw.clone();
+        write_json(&folder.join("rig.json"), &Kept { bones, jaw })
+    }
+
+    /// Reads what [`Rig::write`] wrote; no bones where the folder does not exist.
+    ///
+    /// # Errors
+    /// When a file cannot be read or is damaged.
+    pub fn read(folder: &Path) -> Result<Self> {
+        if !folder.exists() {
+            return Ok(Self::default());
+        }
+        let kept: Kept = read_json(&folder.join("rig.json"))?;
+        let bones = kept.bones.into_iter().enumerate().map(|(i, bone)| {
+            Ok(Bone {
+                name: bone.name,
+                moves: bone.moves,
+                surface: read_surface(bone_path(folder, i))?.surface,
+            })
+        });
+        Ok(Self {
+            bones: bones.collect::<Result<_>>()?,
+            jaw: kept.jaw,
+        })
+    }
+}
+
+fn bone_path(folder: &Path, index: usize) -> PathBuf {
+    folder.join(format!("bone-{}.glb", index + 1))
+}
+
+fn read_json<T: serde::de::DeserializeOwned>(path: &Path) -> Result<T> {
+    let text = std::fs::read_to_string(path).map_err(file_error("read", path))?;
+    serde_json::from_str(&text).map_err(|error| TrainerError::Json {
+        path: path.to_path_buf(),
+        problem: error.to_string(),
+    })
+}
+
+/// A rigid motion `x -> R x + t` as files have it: R row by row, t in a length unit that its key names.
+#[derive(Deserialize)]
+struct MotionEntry {
+    rotation_rowmajor: [f64; 9],
+    #[serde(flatten)]
+    rest: BTreeMap<String, serde_json::Value>,
+}
+
+/// Motions per unit and per frame; other keys are somebody else's.
+#[derive(Deserialize)]
+struct MotionsFile {
+    unit_jaw: BTreeMap<String, MotionEntry>,
+    #[serde(default)]
+    frames: Vec<FrameEntry>,
+}
+
+#[derive(Deserialize)]
+struct FrameEntry {
+    name: String,
+    jaw: Option<MotionEntry>,
+}
+
+/// Either a table of motions by name, or units and frames apart.
+fn read_motions(path: &Path, unit: &str) -> Result<BTreeMap<String, Isometry3<f64>>> {
+    let value: serde_json::Value = read_json(path)?;
+    let wrong = |problem: String| TrainerError::Json {
+        path: path.to_path_buf(),
+        problem,
+    };
+    let shape = |error: serde_json::Error| {
+        wrong(format!(
+            "{error}: a motion is {{\"rotation_rowmajor\": [9 numbers], \"translation_{unit}\": [3 numbers]}}"
+        ))
+    };
+    let entries: BTreeMap<String, MotionEntry> = if value.get("unit_jaw").is_some() {
+        let file: MotionsFile = serde_json::from_value(value).map_err(shape)?;
+        let frames = file.frames.into_iter();
+        let frames = frames.filter_map(|f| f.jaw.map(|jaw| (f.name, jaw)));
+        file.unit_jaw.into_iter().chain(frames).collect()
+    } else {
+        serde_json::from_value(value).map_err(shape)?
+    };
+    let motions = entries.into_iter().map(|(name, entry)| {
+        let motion = entry
+            .motion(unit)
+            .map_err(|problem| wrong(format!("`{name}` {problem}")))?;
+        Ok((name, motion))
+    });
+    motions.collect()
+}
+
+impl MotionEntry {
+    fn motion(&self, unit: &str) -> std::result::Result<Isometry3<f64>, String> {
+        let key = format!("translation_{unit}");
+        let value = match (self.rest.get(&key), self.rest.get("translation")) {
+            (Some(value), _) | (None, Some(value)) => value,
+            (None, None) => {
+                let other = self.rest.keys().find(|k| k.starts_with("translation"));
+                return Err(match other {
+                    Some(other) => format!(
+                        "has `{other}`, but the scene's unit is `{unit}`: convert the file, or set `unit`"
+                    ),
+                    None => format!("has no `{key}`"),
+                });
+            }
+        };
+        let t: [f64; 3] = serde_json::from_value(value.clone())
+            .map_err(|_| "has a translation that is not three numbers".to_string())?;
+        let r = Matrix3::from_row_slice(&self.rotation_rowmajor);
+        let off = (r * r.transpose() - Matrix3::identity()).norm();
+        if !(off < ROTATION_SLACK && r.determinant() > 0.0) || !t.iter().all(|x| x.is_finite()) {
+            return Err(format!(
+                "is no rigid motion: R R^T is {off:.1e} off the identity"
+            ));
+        }
+        let rotation = UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix(&r));
+        Ok(Isometry3::from_parts(
+            Translation3::from(Vector3::from(t)),
+            rotation,
+        ))
+    }
+}
+
+/// The joint that explains the motions best, and its parameters for each.
+fn fit(
+    path: &Path,
+    motions: &BTreeMap<String, Isometry3<f64>>,
+    pivot: Option<[f64; 3]>,
+    moving: &[&Bone],
+) -> Result<Jaw> {
+    let vertices = || moving.iter().flat_map(|b| b.surface.vertices());
+    let near = vertices().sum::<Vector3<f64>>() / vertices().count() as f64;
+    let all: Vec<Isometry3<f64>> = motions.values().copied().collect();
+    let pivot = match pivot {
+        Some(pivot) => Vector3::from(pivot),
+        None if all.is_empty() => {
+            return Err(TrainerError::Json {
+                path: path.to_path_buf(),
+                problem: "holds no motion: give `jaw.pivot` instead".into(),
+            });
+        }
+        None => Joint::fit_pivot(&all, near)?.joint.pivot,
+    };
+    let joint = Joint::new(pivot);
+    let mut residual_angle: f64 = 0.0;
+    let mut shapes = BTreeMap::new();
+    for (name, motion) in motions {
+        let fitted = joint.fit_motion(motion)?;
+        residual_angle = residual_angle.max(fitted.residual_angle);
+        shapes.insert(name.clone(), fitted.parameters);
+    }
+    Ok(Jaw {
+        pivot: pivot.into(),
+        shapes,
+        residual_angle,
+    })
+}
