@@ -95,7 +95,8 @@ impl<'a> Search<'a> {
         }
     }
 
-    /// The nearest inside sample on the inner side of a vertex to which the way is free; else one to which it leaves other parts.
+    /// The nearest inside sample on the inner side of a vertex to which the way is free; else one to which it leaves other parts; else
+    /// one on the outer side to which it is free: the walls of a cavity may face the wrong way.
     fn first_sample(
         &self,
         triangles: &Triangles,
@@ -104,25 +105,24 @@ impl<'a> Search<'a> {
     ) -> Option<[usize; 3]> {
         let n = self.parts.cut.samples as f64;
         let home = vertex.map(|x| (x * n - 0.5).round() as i32);
-        let mut second = None;
+        let (mut leaving, mut outer) = (None, None);
         for offset in &self.offsets {
             let sample: [i32; 3] = std::array::from_fn(|axis| home[axis] + offset[axis]);
             let point = Vector3::from(sample.map(|i| (f64::from(i) + 0.5) / n));
-            if (point - vertex).dot(outwards) >= 0.0 {
-                continue;
-            }
+            let is_inner = (point - vertex).dot(outwards) < 0.0;
             // What is below 0 wraps around to beyond the grid.
             let sample = sample.map(|i| i as usize);
-            if self.part_at(sample).is_none() {
+            if !is_inner && outer.is_some() || self.part_at(sample).is_none() {
                 continue;
             }
-            match triangles.way(vertex, &point) {
-                Way::Free => return Some(sample),
-                Way::Leaving => second = second.or(Some(sample)),
-                Way::Entering => {}
+            match (triangles.way(vertex, &point), is_inner) {
+                (Way::Free, true) => return Some(sample),
+                (Way::Free, false) => outer = Some(sample),
+                (Way::Leaving, true) => leaving = leaving.or(Some(sample)),
+                _ => {}
             }
         }
-        second
+        leaving.or(outer)
     }
 
     /// The cell of a sample and its part, if it is inside.
