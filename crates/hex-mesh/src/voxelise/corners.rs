@@ -92,10 +92,15 @@ impl Corners {
         self.steps.map(|step| (lowest + step) as u32)
     }
 
+    /// Whether a cell has a corner at which classes are apart. Most have not, and need not be looked at further.
+    #[inline]
+    pub fn touches_split(&self, cell: u32) -> bool {
+        !self.touches_split.is_empty() && self.touches_split[cell as usize]
+    }
+
     /// The class of a candidate at a corner of its cell: 0 where there is one node only.
     pub fn class(&self, cell: u32, corner: usize, part: u8) -> u8 {
-        // Far from gaps, this must cost nothing.
-        if self.touches_split.is_empty() || !self.touches_split[cell as usize] {
+        if !self.touches_split(cell) {
             return 0;
         }
         let members = self.split.get(&self.point(cell, corner));
