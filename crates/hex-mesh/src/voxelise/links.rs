@@ -49,6 +49,28 @@ impl FaceLinks {
     }
 }
 
+/// Per cut cell: whether it holds one part at most, and this connects with the part of every neighbour that has one. Where all cells
+/// around are so, there is no gap.
+pub(crate) fn gapless(cut: &CutCells) -> Vec<bool> {
+    let links = FaceLinks::new(cut);
+    let strides = [cut.counts[1] * cut.counts[2], cut.counts[2], 1];
+    let is_linked = |lower: usize, upper: usize, axis: usize| {
+        cut.part_count(lower) == 0
+            || cut.part_count(upper) == 0
+            || !links.between(cut, lower, upper, axis).is_empty()
+    };
+    let is_gapless = |&cell: &u32| {
+        let cell = cell as usize;
+        let face = |axis: usize| {
+            let along = cell / strides[axis] % cut.counts[axis];
+            (along == 0 || is_linked(cell - strides[axis], cell, axis))
+                && (along + 1 == cut.counts[axis] || is_linked(cell, cell + strides[axis], axis))
+        };
+        cut.part_count(cell) <= 1 && (0..3).all(face)
+    };
+    cut.cells.iter().map(is_gapless).collect()
+}
+
 /// Appends the pairs of parts that connect through one face, each once.
 fn link_face(cut: &CutCells, lower: usize, upper: usize, axis: usize, pairs: &mut Vec<[u8; 2]>) {
     let n = cut.samples;

@@ -65,7 +65,7 @@ impl Voxelised {
         let Some(parts) = &self.parts else {
             return Ok(nearest);
         };
-        let carriers = parts.carriers(&self.mesh, surface);
+        let carriers = parts.carriers(&self.mesh, surface, nearest.vertices());
         let elements = carriers.iter().zip(nearest.vertices());
         let elements = elements.map(|(carrier, nearest)| carrier.unwrap_or(nearest.element));
         embed_in(
