@@ -320,6 +320,43 @@ fn separate_bodies_in_one_cell_are_separate_pieces() {
     }
 }
 
+/// Boxes anywhere, however near: no element and no node is of two of them, and every vertex is carried by its own.
+#[test]
+fn random_boxes_have_nothing_in_common() {
+    let mut numbers = Numbers(5);
+    for _ in 0..30 {
+        let mut boxes: Vec<[Vector3<f64>; 2]> = Vec::new();
+        while boxes.len() < 12 {
+            let low = numbers.vector() * 4.0;
+            let high = low + Vector3::from_fn(|_, _| 1.05 + 2.0 * numbers.unit());
+            // Not nearer than 1/100 of a cell along at least one axis.
+            let apart = |[l, h]: &[Vector3<f64>; 2]| {
+                (0..3).any(|a| low[a] > h[a] + 0.01 || high[a] < l[a] - 0.01)
+            };
+            if boxes.iter().all(apart) {
+                boxes.push([low, high]);
+            }
+        }
+        let surfaces = boxes.iter().map(|&[low, high]| cuboid(low, high));
+        let surface = surfaces.reduce(|a, b| joined(&a, &b)).unwrap();
+        let voxelised = voxels(&surface);
+        let mesh = &voxelised.mesh;
+        check_elements(mesh);
+        let embedding = voxelised.embed_surface(&surface).unwrap();
+        let carriers: Vec<_> = embedding.vertices().iter().map(|v| v.element).collect();
+        for (i, own) in carriers.chunks(8).enumerate() {
+            assert!(
+                own.iter()
+                    .all(|&element| !path(mesh, own[0], element).is_empty())
+            );
+            for other in carriers.chunks(8).skip(i + 1) {
+                assert!(path(mesh, own[0], other[0]).is_empty());
+            }
+        }
+        assert!(voxelised.report.pieces >= 12);
+    }
+}
+
 #[test]
 fn threads_do_not_change_a_bit() {
     let surface = fork(0.02);

@@ -20,6 +20,7 @@ pub enum Keep {
 /// How cells are split that hold several separate parts of the body, such as both lips of a closed mouth.
 ///
 /// Samples on a lattice in each cell are linked where the segment between them crosses no triangle, so a gap of any width parts them.
+/// Only cells that the surface cuts are sampled; each sample takes two bytes.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Splitting {
     /// Samples along each axis of a cell: 3, 5 or 7. They limit how thin a bridge of material may be and still be seen, not how thin
