@@ -43,16 +43,15 @@ impl Corners {
     }
 
     /// Finds the lattice points at which the candidates' nodes must be apart.
-    pub fn new(cut: &CutCells, candidates: &Candidates) -> Self {
+    pub fn new(cut: &CutCells, links: &FaceLinks, candidates: &Candidates) -> Self {
         let mut corners = Self::whole(cut.counts);
-        let links = FaceLinks::new(cut);
         let points_of =
             |&cell: &u32| -> [u32; 8] { std::array::from_fn(|corner| corners.point(cell, corner)) };
         let mut points: Vec<u32> = cut.cells.iter().flat_map(points_of).collect();
         points.par_sort_unstable();
         points.dedup();
         let members = |&point: &u32| {
-            let members = corners.members(point as usize, cut, &links, candidates);
+            let members = corners.members(point as usize, cut, links, candidates);
             Some((point, members?))
         };
         let split: Vec<_> = points
