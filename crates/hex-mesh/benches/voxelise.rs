@@ -20,6 +20,13 @@ fn voxelise_ball(criterion: &mut Criterion) {
         group.bench_function(BenchmarkId::from_parameter(elements), |bencher| {
             bencher.iter(|| voxelise(black_box(&surface), &options));
         });
+        let whole = VoxelOptions {
+            split: None,
+            ..options
+        };
+        group.bench_function(BenchmarkId::new("without splitting", elements), |bencher| {
+            bencher.iter(|| voxelise(black_box(&surface), &whole));
+        });
     }
 }
 
@@ -28,19 +35,23 @@ fn embed_ball(criterion: &mut Criterion) {
     let mut group = criterion.benchmark_group("embed 10,242 points");
     for across in CELLS_ACROSS {
         let options = VoxelOptions::new(2.0 / across);
-        let mesh = voxelise(&surface, &options).unwrap().mesh;
+        let body = voxelise(&surface, &options).unwrap();
+        let mesh = &body.mesh;
         let elements = mesh.elements().len();
+        group.bench_function(BenchmarkId::new("skin by part", elements), |bencher| {
+            bencher.iter(|| body.embed_surface(black_box(&surface)));
+        });
         group.bench_function(BenchmarkId::new("skin", elements), |bencher| {
-            bencher.iter(|| embed(&mesh, black_box(surface.vertices())));
+            bencher.iter(|| embed(mesh, black_box(surface.vertices())));
         });
         let far: Vec<_> = surface.vertices().iter().map(|v| v * 1.5).collect();
         group.bench_function(BenchmarkId::new("far outside", elements), |bencher| {
-            bencher.iter(|| embed(&mesh, black_box(&far)));
+            bencher.iter(|| embed(mesh, black_box(&far)));
         });
-        let embedding = embed(&mesh, surface.vertices()).unwrap();
+        let embedding = embed(mesh, surface.vertices()).unwrap();
         let mut positions = vec![Vector3::zeros(); embedding.len()];
         group.bench_function(BenchmarkId::new("positions", elements), |bencher| {
-            bencher.iter(|| embedding.positions_into(mesh.nodes(), &mesh, &mut positions));
+            bencher.iter(|| embedding.positions_into(mesh.nodes(), mesh, &mut positions));
         });
         let mut node_bar = vec![Vector3::zeros(); mesh.nodes().len()];
         group.bench_function(BenchmarkId::new("transpose", elements), |bencher| {

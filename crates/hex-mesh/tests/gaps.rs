@@ -6,7 +6,7 @@ use std::collections::{BinaryHeap, HashMap};
 use std::time::Instant;
 
 use common::{data_file, data_shape, path, share_node};
-use hex_mesh::{Embedding, VoxelOptions, Voxelised, embed, voxelise};
+use hex_mesh::{Embedding, Splitting, VoxelOptions, Voxelised, embed, voxelise};
 use nalgebra::Vector3;
 use surface_mesh::{MorphedSurface, Surface, read_surface, vertex_normals};
 
@@ -145,6 +145,31 @@ fn check_gaps(file: &str, size: f64, thin: bool) {
             by_part.retain(|pair| pair.iter().all(is_near));
         }
         assert!(by_part.is_empty(), "{file} {options:?}: {by_part:?}");
+    }
+}
+
+/// Fingers thinner than a cell: with thin parts covered, each has elements that it shares with no other.
+#[test]
+fn covered_fingers_do_not_fuse() {
+    let Some(surface) = data_shape("body_makehuman/neutral_body.obj") else {
+        return;
+    };
+    let pairs = facing_pairs(&surface, 0.02, 0.1);
+    for options in grids(0.02) {
+        let options = VoxelOptions {
+            split: Some(Splitting {
+                cover_thin: true,
+                ..Splitting::default()
+            }),
+            ..options
+        };
+        let (voxelised, embedding) = embedded(&surface, &options);
+        let carrier = |vertex: u32| embedding.vertices()[vertex as usize].element;
+        for [a, b] in pairs.iter().map(|pair| pair.map(carrier)) {
+            assert!(!share_node(&voxelised.mesh, a, b), "{options:?}");
+        }
+        assert!(embedding.max_outside_distance() < 0.02);
+        assert!(voxelised.report.relative_volume_error() < 0.025);
     }
 }
 

@@ -3,7 +3,9 @@
 mod common;
 
 use common::{Numbers, blocks, joined, moved, path, share_node};
-use hex_mesh::{HexMesh, HexMeshError, Keep, Splitting, VoxelOptions, Voxelised, voxelise};
+use hex_mesh::{
+    EmbeddedPoint, HexMesh, HexMeshError, Keep, Splitting, VoxelOptions, Voxelised, voxelise,
+};
 use nalgebra::Vector3;
 use surface_mesh::Surface;
 use surface_mesh::primitives::{cuboid, icosphere, torus};
@@ -19,6 +21,12 @@ fn unit_cells() -> VoxelOptions {
 
 fn voxels(surface: &Surface) -> Voxelised {
     voxelise(surface, &unit_cells()).unwrap()
+}
+
+/// The surface with its triangles facing the other way, as the wall of a cavity does.
+fn flipped(surface: &Surface) -> Surface {
+    let triangles = surface.triangles().iter().map(|&[a, b, c]| [a, c, b]);
+    Surface::from_triangles(surface.vertices().to_vec(), triangles.collect()).unwrap()
 }
 
 fn elements_of(mesh: &HexMesh, cell: [i32; 3]) -> Vec<u32> {
@@ -226,7 +234,7 @@ fn bodies_without_gaps_are_as_without_splitting() {
         icosphere(4, 1.0),
         cuboid(Vector3::new(-1.0, -0.7, 0.1), Vector3::new(1.0, 0.4, 0.8)),
         torus(1.0, 0.35, 48, 24),
-        joined(&icosphere(4, 1.0), &icosphere(4, 0.6)),
+        joined(&icosphere(4, 1.0), &flipped(&icosphere(4, 0.6))),
     ];
     let mut numbers = Numbers(21);
     for surface in &bodies {
@@ -242,11 +250,24 @@ fn bodies_without_gaps_are_as_without_splitting() {
                     ..split
                 };
                 let [split, whole] = [split, whole].map(|o| voxelise(surface, &o).unwrap());
-                assert_eq!(split.mesh, whole.mesh, "{size} {origin:?}");
+                assert!(split.mesh == whole.mesh, "{size} {origin:?}");
                 assert_eq!(split.report, whole.report);
                 let embedding = split.embed_surface(surface).unwrap();
                 let nearest = hex_mesh::embed(&whole.mesh, surface.vertices()).unwrap();
-                assert!(embedding.max_outside_distance() <= 1.01 * nearest.max_outside_distance());
+                // Through material, another cube may be reached first that is nearly as near.
+                let outside = |carrier: &EmbeddedPoint, vertex: &Vector3<f64>| {
+                    let corner = whole.mesh.element_corner(carrier.element as usize);
+                    let xi = (vertex - corner) / size;
+                    (xi - xi.map(|x| x.clamp(0.0, 1.0))).norm()
+                };
+                let carriers = embedding.vertices().iter().zip(nearest.vertices());
+                let mut farther = 0;
+                for (vertex, (by_part, by_cube)) in surface.vertices().iter().zip(carriers) {
+                    let [by_part, by_cube] = [by_part, by_cube].map(|c| outside(c, vertex));
+                    assert!(by_part < by_cube + 0.1, "{size} {origin:?} {vertex}");
+                    farther += usize::from(by_part > by_cube + 1e-9);
+                }
+                assert!(farther * 100 <= surface.vertex_count(), "{farther}");
             }
         }
     }
@@ -274,6 +295,36 @@ fn slivers_are_no_elements() {
     check_elements(&mesh);
 }
 
+/// A rod between cell centres that grows out of a block: left out, or covered all along and held by the block.
+#[test]
+fn thin_parts_are_covered_on_demand() {
+    let planes: [&[f64]; 3] = [
+        &[0.0, 3.0, 9.0],
+        &[0.0, 1.1, 1.4, 3.0],
+        &[0.0, 1.6, 1.9, 3.0],
+    ];
+    let surface = blocks(planes, |[x, y, z]| x == 0 || y == 1 && z == 1);
+    let cover = |cover_thin| {
+        let split = Splitting {
+            cover_thin,
+            ..Splitting::default()
+        };
+        let options = VoxelOptions {
+            split: Some(split),
+            ..unit_cells()
+        };
+        let voxelised = voxelise(&surface, &options).unwrap();
+        check_elements(&voxelised.mesh);
+        let embedding = voxelised.embed_surface(&surface).unwrap();
+        (voxelised, embedding.max_outside_distance())
+    };
+    let (without, outside) = cover(false);
+    assert_eq!((without.mesh.elements().len(), outside), (27, 6.0));
+    let (with, outside) = cover(true);
+    assert_eq!((with.mesh.elements().len(), outside), (27 + 6, 0.0));
+    assert_eq!(with.report.pieces, 1);
+}
+
 #[test]
 fn separate_bodies_in_one_cell_are_separate_pieces() {
     let ball = icosphere(3, 0.98);
@@ -296,6 +347,43 @@ fn separate_bodies_in_one_cell_are_separate_pieces() {
             (0..mesh.elements().len()).find(at_end).unwrap() as u32
         });
         assert!(path(&mesh, ends[0], ends[1]).is_empty());
+    }
+}
+
+/// Boxes anywhere, however near: no element and no node is of two of them, and every vertex is carried by its own.
+#[test]
+fn random_boxes_have_nothing_in_common() {
+    let mut numbers = Numbers(5);
+    for _ in 0..30 {
+        let mut boxes: Vec<[Vector3<f64>; 2]> = Vec::new();
+        while boxes.len() < 12 {
+            let low = numbers.vector() * 4.0;
+            let high = low + Vector3::from_fn(|_, _| 1.05 + 2.0 * numbers.unit());
+            // Not nearer than 1/100 of a cell along at least one axis.
+            let apart = |[l, h]: &[Vector3<f64>; 2]| {
+                (0..3).any(|a| low[a] > h[a] + 0.01 || high[a] < l[a] - 0.01)
+            };
+            if boxes.iter().all(apart) {
+                boxes.push([low, high]);
+            }
+        }
+        let surfaces = boxes.iter().map(|&[low, high]| cuboid(low, high));
+        let surface = surfaces.reduce(|a, b| joined(&a, &b)).unwrap();
+        let voxelised = voxels(&surface);
+        let mesh = &voxelised.mesh;
+        check_elements(mesh);
+        let embedding = voxelised.embed_surface(&surface).unwrap();
+        let carriers: Vec<_> = embedding.vertices().iter().map(|v| v.element).collect();
+        for (i, own) in carriers.chunks(8).enumerate() {
+            assert!(
+                own.iter()
+                    .all(|&element| !path(mesh, own[0], element).is_empty())
+            );
+            for other in carriers.chunks(8).skip(i + 1) {
+                assert!(path(mesh, own[0], other[0]).is_empty());
+            }
+        }
+        assert!(voxelised.report.pieces >= 12);
     }
 }
 
@@ -326,6 +414,7 @@ fn bad_options_are_refused() {
         split: Some(Splitting {
             samples,
             least_fraction,
+            ..Splitting::default()
         }),
         ..unit_cells()
     };

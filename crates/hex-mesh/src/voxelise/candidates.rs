@@ -65,6 +65,21 @@ impl Candidates {
         candidates
     }
 
+    /// Adds parts that are no candidates yet.
+    pub fn add(&mut self, cut: &CutCells, parts: impl Iterator<Item = Candidate>) {
+        self.list.extend(parts);
+        self.list
+            .sort_unstable_by_key(|candidate| (candidate.cell, candidate.part));
+        self.first.fill(NONE);
+        for (index, &Candidate { cell, part }) in (0..).zip(&self.list) {
+            let first = &mut self.first[cell as usize];
+            *first = index.min(*first);
+            if let Some(slot) = cut.slot(cell as usize) {
+                self.of_part[cut.first_part(slot) + usize::from(part)] = index;
+            }
+        }
+    }
+
     fn push(&mut self, cell: usize, part: u8) {
         if self.first[cell] == NONE {
             self.first[cell] = self.list.len() as u32;

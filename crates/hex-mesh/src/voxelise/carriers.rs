@@ -7,10 +7,11 @@ use surface_mesh::{Surface, vertex_normals};
 use super::candidates::NONE;
 use super::cut::{CutCells, flat};
 use super::grid::CellGrid;
+use super::links::gapless;
 use super::pieces::grid_position;
 use super::segments::{Triangles, Way};
 use crate::cell_tree::{Candidate, cell_distance, nearer};
-use crate::{CellIndex, HexMesh, NodeElements};
+use crate::{CellIndex, EmbeddedPoint, HexMesh, NodeElements};
 
 /// The parts of the cut cells of a voxelised body, and their elements.
 #[derive(Debug, Clone, PartialEq)]
@@ -28,14 +29,21 @@ const REACH: usize = 4;
 const NEAR: i32 = 3;
 
 impl Parts {
-    /// The element that carries each vertex, `None` where no element of the vertex's own part is near.
+    /// The element that carries each vertex, `None` where no element of the vertex's own part is near. `nearest` are the elements with
+    /// the nearest cubes.
     ///
     /// From the vertex, the way leads to a sample on the inner side without entering another part of the body, and from there from
-    /// sample to linked sample. The elements that are reached first are candidates; the nearest cube of them is taken.
+    /// sample to linked sample. The elements that are reached first are candidates; the nearest cube of them is taken. Where no gap is
+    /// around, that is simply the nearest cube.
     ///
     /// A vertex without such a sample or element, on a sharp edge say, starts from the elements of the nearest vertices along the
     /// surface that have one, and goes from element to element that share a node for as long as cubes come nearer.
-    pub fn carriers(&self, mesh: &HexMesh, surface: &Surface) -> Vec<Option<u32>> {
+    pub fn carriers(
+        &self,
+        mesh: &HexMesh,
+        surface: &Surface,
+        nearest: &[EmbeddedPoint],
+    ) -> Vec<Option<u32>> {
         let orientation = surface.signed_volume().signum();
         let local = |vertex: &Vector3<f64>| {
             let first = Vector3::from(self.grid.first_cell.map(f64::from));
@@ -54,6 +62,10 @@ impl Parts {
                     let outwards = normals[vertex] * orientation;
                     let point = triangles.vertices[vertex];
                     let seed = search.first_sample(&triangles, &point, &outwards)?;
+                    let by_cube = nearest[vertex].element;
+                    if search.is_gapless_around(&point, mesh.cells()[by_cube as usize]) {
+                        return Some(by_cube);
+                    }
                     let found = search.nearest_along(walk, seed, &point)?;
                     Some(found.1 as u32)
                 },
@@ -70,6 +82,7 @@ struct Search<'a> {
     index: CellIndex,
     /// Steps to the samples around a point, the nearest first.
     offsets: Vec<[i32; 3]>,
+    gapless: Vec<bool>,
     /// Per axis and place of a sample along it: its share of the flat index of the cell, and of that of the sample in the cell.
     /// Divisions would take most of the time.
     places: [Vec<(usize, usize)>; 3],
@@ -91,11 +104,13 @@ impl<'a> Search<'a> {
             parts,
             index: mesh.cell_index(),
             offsets: near_offsets(),
+            gapless: gapless(&parts.cut),
             places: [0, 1, 2].map(places),
         }
     }
 
-    /// The nearest inside sample on the inner side of a vertex to which the way is free; else one to which it leaves other parts.
+    /// The nearest inside sample on the inner side of a vertex to which the way is free; else one to which it leaves other parts; else
+    /// one on the outer side to which it is free: the walls of a cavity may face the wrong way.
     fn first_sample(
         &self,
         triangles: &Triangles,
@@ -104,25 +119,43 @@ impl<'a> Search<'a> {
     ) -> Option<[usize; 3]> {
         let n = self.parts.cut.samples as f64;
         let home = vertex.map(|x| (x * n - 0.5).round() as i32);
-        let mut second = None;
+        let (mut leaving, mut outer) = (None, None);
         for offset in &self.offsets {
             let sample: [i32; 3] = std::array::from_fn(|axis| home[axis] + offset[axis]);
             let point = Vector3::from(sample.map(|i| (f64::from(i) + 0.5) / n));
-            if (point - vertex).dot(outwards) >= 0.0 {
-                continue;
-            }
+            let is_inner = (point - vertex).dot(outwards) < 0.0;
             // What is below 0 wraps around to beyond the grid.
             let sample = sample.map(|i| i as usize);
-            if self.part_at(sample).is_none() {
+            if !is_inner && outer.is_some() || self.part_at(sample).is_none() {
                 continue;
             }
-            match triangles.way(vertex, &point) {
-                Way::Free => return Some(sample),
-                Way::Leaving => second = second.or(Some(sample)),
-                Way::Entering => {}
+            match (triangles.way(vertex, &point), is_inner) {
+                (Way::Free, true) => return Some(sample),
+                (Way::Free, false) => outer = Some(sample),
+                (Way::Leaving, true) => leaving = leaving.or(Some(sample)),
+                _ => {}
             }
         }
-        second
+        leaving.or(outer)
+    }
+
+    /// Whether there is no gap in the cells around a point, of which `cell` is one.
+    fn is_gapless_around(&self, point: &Vector3<f64>, cell: [i32; 3]) -> bool {
+        let CellGrid {
+            first_cell, counts, ..
+        } = self.parts.grid;
+        let home: [i32; 3] = point.map(|x| x.floor() as i32).into();
+        let is_near = |axis: usize| (cell[axis] - first_cell[axis]).abs_diff(home[axis]) <= 1;
+        let mut block = (0..27).map(|i| [i / 9 - 1, i / 3 % 3 - 1, i % 3 - 1]);
+        (0..3).all(is_near)
+            && block.all(|steps| {
+                // What is below 0 wraps around to beyond the grid.
+                let position: [usize; 3] =
+                    std::array::from_fn(|axis| (home[axis] + steps[axis]) as usize);
+                let is_within = (0..3).all(|axis| position[axis] < counts[axis]);
+                let slot = is_within.then(|| self.parts.cut.slot(flat(position, counts)));
+                slot.flatten().is_none_or(|slot| self.gapless[slot])
+            })
     }
 
     /// The cell of a sample and its part, if it is inside.

@@ -43,16 +43,15 @@ impl Corners {
     }
 
     /// Finds the lattice points at which the candidates' nodes must be apart.
-    pub fn new(cut: &CutCells, candidates: &Candidates) -> Self {
+    pub fn new(cut: &CutCells, links: &FaceLinks, candidates: &Candidates) -> Self {
         let mut corners = Self::whole(cut.counts);
-        let links = FaceLinks::new(cut);
         let points_of =
             |&cell: &u32| -> [u32; 8] { std::array::from_fn(|corner| corners.point(cell, corner)) };
         let mut points: Vec<u32> = cut.cells.iter().flat_map(points_of).collect();
         points.par_sort_unstable();
         points.dedup();
         let members = |&point: &u32| {
-            let members = corners.members(point as usize, cut, &links, candidates);
+            let members = corners.members(point as usize, cut, links, candidates);
             Some((point, members?))
         };
         let split: Vec<_> = points
@@ -92,10 +91,15 @@ impl Corners {
         self.steps.map(|step| (lowest + step) as u32)
     }
 
+    /// Whether a cell has a corner at which classes are apart. Most have not, and need not be looked at further.
+    #[inline]
+    pub fn touches_split(&self, cell: u32) -> bool {
+        !self.touches_split.is_empty() && self.touches_split[cell as usize]
+    }
+
     /// The class of a candidate at a corner of its cell: 0 where there is one node only.
     pub fn class(&self, cell: u32, corner: usize, part: u8) -> u8 {
-        // Far from gaps, this must cost nothing.
-        if self.touches_split.is_empty() || !self.touches_split[cell as usize] {
+        if !self.touches_split(cell) {
             return 0;
         }
         let members = self.split.get(&self.point(cell, corner));

@@ -35,6 +35,33 @@ impl FaceLinks {
         Self { offsets, pairs }
     }
 
+    /// The cells and parts that a part of a cell connects with.
+    pub fn around(
+        &self,
+        cut: &CutCells,
+        cell: usize,
+        part: u8,
+    ) -> impl Iterator<Item = (usize, u8)> {
+        let strides = [cut.counts[1] * cut.counts[2], cut.counts[2], 1];
+        (0..6).flat_map(move |face| {
+            let (axis, side) = (face / 2, face % 2);
+            let along = cell / strides[axis] % cut.counts[axis];
+            let (other, pairs) = match side {
+                0 if along > 0 => {
+                    let other = cell - strides[axis];
+                    (other, self.between(cut, other, cell, axis))
+                }
+                1 if along + 1 < cut.counts[axis] => {
+                    let other = cell + strides[axis];
+                    (other, self.between(cut, cell, other, axis))
+                }
+                _ => (cell, &[][..]),
+            };
+            let own = pairs.iter().filter(move |pair| pair[1 - side] == part);
+            own.map(move |pair| (other, pair[side]))
+        })
+    }
+
     /// The pairs of parts of a cell and of the next one along an axis that connect.
     pub fn between(&self, cut: &CutCells, lower: usize, upper: usize, axis: usize) -> &[[u8; 2]] {
         let face =
@@ -47,6 +74,28 @@ impl FaceLinks {
             (None, None) => &[],
         }
     }
+}
+
+/// Per cut cell: whether it holds one part at most, and this connects with the part of every neighbour that has one. Where all cells
+/// around are so, there is no gap.
+pub(crate) fn gapless(cut: &CutCells) -> Vec<bool> {
+    let links = FaceLinks::new(cut);
+    let strides = [cut.counts[1] * cut.counts[2], cut.counts[2], 1];
+    let is_linked = |lower: usize, upper: usize, axis: usize| {
+        cut.part_count(lower) == 0
+            || cut.part_count(upper) == 0
+            || !links.between(cut, lower, upper, axis).is_empty()
+    };
+    let is_gapless = |&cell: &u32| {
+        let cell = cell as usize;
+        let face = |axis: usize| {
+            let along = cell / strides[axis] % cut.counts[axis];
+            (along == 0 || is_linked(cell - strides[axis], cell, axis))
+                && (along + 1 == cut.counts[axis] || is_linked(cell, cell + strides[axis], axis))
+        };
+        cut.part_count(cell) <= 1 && (0..3).all(face)
+    };
+    cut.cells.iter().map(is_gapless).collect()
 }
 
 /// Appends the pairs of parts that connect through one face, each once.

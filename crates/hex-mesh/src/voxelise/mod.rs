@@ -14,6 +14,7 @@ mod options;
 mod pieces;
 mod report;
 mod segments;
+mod thin;
 
 use nalgebra::Vector3;
 use surface_mesh::Surface;
@@ -26,10 +27,12 @@ use corners::Corners;
 use cut::CutCells;
 use grid::CellGrid;
 pub(crate) use inside::{InsideVotes, PointGrid};
+use links::FaceLinks;
 use number::NumberedParts;
 pub use options::{Keep, Splitting, VoxelOptions};
 use pieces::{NO_PIECE, Pieces, grid_position};
 pub use report::{DroppedPiece, VoxelReport};
+use thin::cover_thin;
 
 use crate::{Embedding, HexMesh, HexMeshError, Quadrature, embed, embed_in};
 
@@ -65,7 +68,7 @@ impl Voxelised {
         let Some(parts) = &self.parts else {
             return Ok(nearest);
         };
-        let carriers = parts.carriers(&self.mesh, surface);
+        let carriers = parts.carriers(&self.mesh, surface, nearest.vertices());
         let elements = carriers.iter().zip(nearest.vertices());
         let elements = elements.map(|(carrier, nearest)| carrier.unwrap_or(nearest.element));
         embed_in(
@@ -85,7 +88,7 @@ impl Voxelised {
 ///
 /// The parts of a cell are found by [`Splitting`]; where a cell holds several that fill enough of it, all become elements, wherever
 /// its centre lies. Elements of different cells share the nodes at a lattice point when material connects their parts within the eight
-/// cells around it. So elements at both sides of a gap, in one cell or in two, have nodes of their own at the same places. A body
+/// cells around it. What is too thin to hold cell centres has no element, unless [`Splitting::cover_thin`] asks for it. So elements at both sides of a gap, in one cell or in two, have nodes of their own at the same places. A body
 /// without gaps gets the same mesh with and without splitting.
 ///
 /// Elements run in lexicographic order of their cell, x slowest, then by their part's first sample; nodes run as elements first use
@@ -214,7 +217,11 @@ fn find_candidates(
     let (vertices, triangles) = (surface.vertices(), surface.triangles());
     let cut = CutCells::new(grid, split.samples, votes, vertices, triangles);
     let mut candidates = Candidates::new(cells, votes, Some(&cut), split.least_fraction);
-    let corners = Corners::new(&cut, &candidates);
+    let links = FaceLinks::new(&cut);
+    if split.cover_thin {
+        cover_thin(&mut candidates, &cut, &links);
+    }
+    let corners = Corners::new(&cut, &links, &candidates);
     candidates.unite_inseparable(&corners);
     (candidates, corners, Some(cut))
 }

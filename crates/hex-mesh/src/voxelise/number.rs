@@ -27,9 +27,13 @@ impl NumberedParts {
         };
         for &candidate in elements {
             let points = corners.points(candidate.cell);
-            let nodes = std::array::from_fn(|corner| {
-                let class = corners.class(candidate.cell, corner, candidate.part);
-                numbered.number(points[corner], class)
+            let is_split = corners.touches_split(candidate.cell);
+            let nodes = std::array::from_fn(|corner| match is_split {
+                true => {
+                    let class = corners.class(candidate.cell, corner, candidate.part);
+                    numbered.number(points[corner], class)
+                }
+                false => numbered.number(points[corner], 0),
             });
             numbered.elements.push(nodes);
         }

@@ -20,6 +20,7 @@ pub enum Keep {
 /// How cells are split that hold several separate parts of the body, such as both lips of a closed mouth.
 ///
 /// Samples on a lattice in each cell are linked where the segment between them crosses no triangle, so a gap of any width parts them.
+/// Only cells that the surface cuts are sampled; each sample takes two bytes.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Splitting {
     /// Samples along each axis of a cell: 3, 5 or 7. They limit how thin a bridge of material may be and still be seen, not how thin
@@ -27,14 +28,19 @@ pub struct Splitting {
     pub samples: usize,
     /// How much of a cell a part must fill to become an element beside another, above 0 and at most 1/2.
     pub least_fraction: f64,
+    /// Whether parts of the body that are too thin to hold cell centres become elements too, full cubes however little they hold, and
+    /// so do the cells on the way from them to the rest of the body. They are stiffer and heavier than they should be, but move on
+    /// their own. Some cells at edges and corners of other bodies are added as well.
+    pub cover_thin: bool,
 }
 
 impl Default for Splitting {
-    /// 5 samples, a fifth of the cell.
+    /// 5 samples, a fifth of the cell, thin parts left out.
     fn default() -> Self {
         Self {
             samples: 5,
             least_fraction: 0.2,
+            cover_thin: false,
         }
     }
 }
@@ -75,6 +81,7 @@ impl VoxelOptions {
         let Some(Splitting {
             samples,
             least_fraction,
+            ..
         }) = self.split
         else {
             return Ok(());

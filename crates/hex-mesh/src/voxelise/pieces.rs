@@ -127,6 +127,9 @@ fn for_neighbours(
 /// Whether two candidates in neighbouring cells, the lower first, share the nodes of the face between them.
 fn share_face(candidates: &Candidates, corners: &Corners, pair: [usize; 2], axis: usize) -> bool {
     let [lower, upper] = pair.map(|candidate| candidates.list[candidate]);
+    if !corners.touches_split(lower.cell) {
+        return true;
+    }
     let bit = 4 >> axis;
     let of_upper = |corner: &usize| corner_offset(*corner)[axis] == 0;
     (0..8).filter(of_upper).all(|corner| {

@@ -97,7 +97,11 @@ pub fn blocks(planes: [&[f64]; 3], filled: impl Fn([usize; 3]) -> bool) -> Surfa
             triangles.extend([[a, b, c], [a, c, d]]);
         }
     }
-    Surface::from_triangles(vertices, triangles).unwrap()
+    let used: std::collections::BTreeSet<u32> = triangles.iter().flatten().copied().collect();
+    let rank = |vertex: u32| used.range(..vertex).count() as u32;
+    let triangles = triangles.iter().map(|t| t.map(rank)).collect();
+    let vertices = used.iter().map(|&vertex| vertices[vertex as usize]);
+    Surface::from_triangles(vertices.collect(), triangles).unwrap()
 }
 
 /// Whether two elements have a node in common.
