@@ -63,6 +63,31 @@ fn without_bones_nothing_changes() {
     assert!(with.bone_nodes.is_empty());
 }
 
+/// A bone that reaches the skin is covered by one layer of elements where that is wanted; its own nodes in there are still its own.
+#[test]
+fn bones_under_the_skin_can_be_covered() {
+    let body = cube([0.0; 3], [6.0; 3]);
+    let bone = cube([-0.5, 1.9, 1.9], [4.1, 4.1, 4.1]);
+    let bones = [bone];
+    let bare = voxelise_with_bones(&body, &bones, &at_zero(1.0)).unwrap();
+    assert_eq!(bare.report.bone_elements, 4 * 2 * 2);
+    let options = VoxelOptions {
+        cover_bones: true,
+        ..at_zero(1.0)
+    };
+    let covered = voxelise_with_bones(&body, &bones, &options).unwrap();
+    assert_eq!(covered.report.bone_elements, 3 * 2 * 2);
+    let skin = NodeRegion::Box {
+        min: [0.0, 2.0, 2.0],
+        max: [0.0, 4.0, 4.0],
+    };
+    for node in skin.select(&covered.mesh).unwrap() {
+        assert!(covered.bone_nodes[0].contains(&node));
+    }
+    let embedding = covered.embed_surface(&body).unwrap();
+    assert!(embedding.max_outside_distance() < 1e-9);
+}
+
 /// A bone so thin that no cell is inside it still holds the nodes inside it.
 #[test]
 fn thin_bones_hold_the_nodes_inside_them() {

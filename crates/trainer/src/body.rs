@@ -187,6 +187,7 @@ impl Body {
         surface_mesh::report(&surface).require_closed(name)?;
         let options = VoxelOptions {
             quadrature: Quadrature::from_count(samples).map_err(mesh_error)?,
+            cover_bones: true,
             ..VoxelOptions::new(element_size)
         };
         let bones: Vec<Surface> = rig.bones.iter().map(|b| b.surface.clone()).collect();

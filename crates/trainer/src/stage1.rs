@@ -17,6 +17,9 @@ use pd_solver::{
 };
 use rand::Rng;
 
+/// What an error of the joint counts beside one of the actuation: with 1, the jaw lags behind the flesh.
+const JOINT_WEIGHT: f64 = 10.0;
+
 /// The network's answer for the joint, where something hangs on it.
 type JointAnswer = Option<[f32; JOINT_SIZE]>;
 
@@ -240,8 +243,8 @@ impl Regression<'_> {
             let mut joint_bar = [0.0; JOINT_SIZE];
             for (k, wanted) in joint.iter().flatten().enumerate() {
                 let off = f64::from(output.joint[k] - wanted);
-                loss += weight * off * off;
-                joint_bar[k] = (2.0 * weight * off) as f32;
+                loss += JOINT_WEIGHT * weight * off * off;
+                joint_bar[k] = (2.0 * JOINT_WEIGHT * weight * off) as f32;
             }
             OutputCotangent {
                 actuation,

@@ -9,6 +9,7 @@ use super::corners::Corners;
 use super::grid::CellGrid;
 use super::inside::{InsideVotes, PointGrid};
 use super::number::NumberedParts;
+use super::pieces::grid_position;
 use crate::HexMeshError;
 
 /// Refuses bones without an inside.
@@ -22,10 +23,19 @@ pub(crate) fn check_bones(bones: &[Surface]) -> Result<(), HexMeshError> {
     Ok(())
 }
 
-/// The bone in which each candidate's centre lies, the first among several, or [`NONE`].
-pub(crate) fn bones_of(candidates: &Candidates, bones: &[Surface], grid: &CellGrid) -> Vec<u32> {
+/// The bone in which each candidate's centre lies, the first among several, or [`NONE`]. With `cover`, candidates beside which the body
+/// ends are in no bone.
+pub(crate) fn bones_of(
+    candidates: &Candidates,
+    bones: &[Surface],
+    grid: &CellGrid,
+    cover: bool,
+) -> Vec<u32> {
     let votes = votes(&grid.centres(), bones);
     let bone_of = |cell: u32| {
+        if cover && is_outermost(cell as usize, candidates, grid) {
+            return NONE;
+        }
         let bone = votes
             .iter()
             .position(|votes| votes.is_inside(cell as usize));
@@ -36,6 +46,25 @@ pub(crate) fn bones_of(candidates: &Candidates, bones: &[Surface], grid: &CellGr
         .iter()
         .map(|candidate| bone_of(candidate.cell))
         .collect()
+}
+
+/// Whether one of the 26 cells around a cell is none of the body's.
+fn is_outermost(cell: usize, candidates: &Candidates, grid: &CellGrid) -> bool {
+    let position = grid_position(cell, grid.counts);
+    let around = |offset: usize| -> Option<usize> {
+        let mut index = 0;
+        let mut left = offset;
+        for a in 0..3 {
+            let place = (position[a] + left % 3).checked_sub(1)?;
+            left /= 3;
+            if place >= grid.counts[a] {
+                return None;
+            }
+            index = index * grid.counts[a] + place;
+        }
+        Some(index)
+    };
+    (0..27).any(|offset| around(offset).is_none_or(|cell| !candidates.has(cell)))
 }
 
 /// The nodes of each bone, by rising index: the corners of the candidates that lie in it, and the nodes inside it. A node of several

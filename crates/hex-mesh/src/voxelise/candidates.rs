@@ -65,6 +65,11 @@ impl Candidates {
         candidates
     }
 
+    /// Whether a cell has a candidate.
+    pub fn has(&self, cell: usize) -> bool {
+        self.first[cell] != NONE
+    }
+
     /// Adds parts that are no candidates yet.
     pub fn add(&mut self, cut: &CutCells, parts: impl Iterator<Item = Candidate>) {
         self.list.extend(parts);

@@ -102,7 +102,8 @@ pub fn voxelise(surface: &Surface, options: &VoxelOptions) -> Result<Voxelised, 
     voxelise_with_bones(surface, &[], options)
 }
 
-/// Like [`voxelise`], without the cells whose centre lies inside one of the closed surfaces `bones`.
+/// Like [`voxelise`], without the cells whose centre lies inside one of the closed surfaces `bones` (but see
+/// [`VoxelOptions::cover_bones`]).
 ///
 /// [`Voxelised::bone_nodes`] lists the nodes that move with each bone. A node of several bones goes to the one that it lies inside of,
 /// else to the one with most of the left-out cells around it, the first among equals. Bones may stick out of the body. Flesh that
@@ -132,7 +133,7 @@ pub fn voxelise_with_bones(
             suggested_size: advice,
         });
     }
-    let bone_of = bones_of(&candidates, bones, &grid);
+    let bone_of = bones_of(&candidates, bones, &grid, options.cover_bones);
     let is_flesh = |candidate: usize| bone_of[candidate] == NONE;
     let pieces = Pieces::new(grid.counts, &candidates, &corners, is_flesh);
     let Some(largest) = pieces.largest() else {

@@ -60,6 +60,9 @@ pub struct VoxelOptions {
     /// How cells with several parts are split; without it, every cell is one element at most, and elements in touching cells share
     /// nodes whatever lies between them.
     pub split: Option<Splitting>,
+    /// Whether cells inside bones stay elements where the body ends beside them. Skin that lies on a bone, with less than an element of
+    /// flesh between, is then carried by what is under it, and not by flesh far away.
+    pub cover_bones: bool,
 }
 
 impl VoxelOptions {
@@ -72,6 +75,7 @@ impl VoxelOptions {
             keep: Keep::default(),
             origin: None,
             split: Some(Splitting::default()),
+            cover_bones: false,
         }
     }
 
