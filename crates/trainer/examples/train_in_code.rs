@@ -6,6 +6,7 @@ use nalgebra::Vector3;
 use std::path::Path;
 use surface_mesh::primitives::icosphere;
 use surface_mesh::{MorphTarget, MorphedSurface};
+use trainer::rig::Rig;
 use trainer::run::Run;
 use trainer::scene::Scene;
 use trainer::table::table;
@@ -67,10 +68,10 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let named = Path::new("the scene in this program");
     let scene = Scene::parse(SCENE, named)?;
     let inputs = shapes()?;
-    check(&scene, named, &inputs)?;
+    check(&scene, named, &inputs, &Rig::default())?;
 
     let folder = tempfile::tempdir()?;
-    let run = Run::create(folder.path(), SCENE, &inputs, &trainer::rig::Rig::default())?;
+    let run = Run::create(folder.path(), SCENE, &inputs, &Rig::default())?;
     let trained = train(&run)?;
     println!(
         "{}",

@@ -85,3 +85,135 @@ impl Hanging {
         sum / a.len().max(1) as f64
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::fixture;
+    use crate::rig::{Bone, Jaw, Rig};
+    use std::collections::BTreeMap;
+    use surface_mesh::primitives::icosphere;
+
+    fn rig() -> Rig {
+        let bone = icosphere(2, 0.45);
+        let aside = bone
+            .vertices()
+            .iter()
+            .map(|x| x + Vector3::new(0.3, 0.0, 0.0));
+        Rig {
+            bones: vec![Bone {
+                name: "mandible".into(),
+                moves: true,
+                surface: bone.with_vertices(aside.collect()).unwrap(),
+            }],
+            jaw: Some(Jaw {
+                pivot: [-0.4, 0.2, 0.1],
+                shapes: BTreeMap::new(),
+                residual_angle: 0.0,
+            }),
+        }
+    }
+
+    /// The cotangent of the answer is the slope of a loss on the prescribed positions.
+    #[test]
+    fn the_cotangent_is_the_slope() {
+        let scene = fixture::scene("");
+        let surface = fixture::inputs().surface;
+        let body = Body::of_scene(&scene, surface, &rig(), 0.2).unwrap();
+        let solver = Solver::new(&body.mesh, &body.effects(&scene).unwrap()).unwrap();
+        let hanging = Hanging::new(&body, &solver).unwrap();
+        assert!(hanging.places.len() > 8);
+        let rest = solver.rest_parameters();
+        let bar: Vec<Vector3<f64>> = (0..rest.prescribed.len())
+            .map(|i| Vector3::new((i as f64).sin(), (i as f64).cos(), 0.3))
+            .collect();
+        let answer = [0.2, -0.1, 0.5, -0.3, 0.4];
+        let loss = |answer: &[f32; JOINT_SIZE]| {
+            let mut parameters = rest.clone();
+            hanging.place(hanging.parameters(answer), &mut parameters);
+            let pairs = parameters.prescribed.iter().zip(&bar);
+            pairs.map(|(x, b)| x.dot(b)).sum::<f64>()
+        };
+        let exact = hanging.vjp(hanging.parameters(&answer), &bar);
+        for k in 0..JOINT_SIZE {
+            let at = |h: f32| {
+                let mut moved = answer;
+                moved[k] += h;
+                (loss(&moved), f64::from(moved[k]))
+            };
+            let ((up, a), (down, b)) = (at(0.01), at(-0.01));
+            let slope = (up - down) / (a - b);
+            let error = (slope - f64::from(exact[k])).abs();
+            assert!(
+                error < 1e-3 * (1.0 + slope.abs()),
+                "{k}: {slope} {}",
+                exact[k]
+            );
+        }
+        let theta = hanging.parameters(&answer);
+        let again = hanging.answer(&theta);
+        assert!(answer.iter().zip(again).all(|(a, b)| (a - b).abs() < 1e-6));
+        assert!(hanging.mean_distance(theta, theta) == 0.0);
+        assert!(hanging.mean_distance(theta, Joint::REST) > 0.01);
+    }
+
+    #[test]
+    fn nothing_hangs_without_a_joint() {
+        let scene = fixture::scene("");
+        let body = fixture::body(&scene);
+        let solver = Solver::new(&body.mesh, &scene.effects).unwrap();
+        assert!(Hanging::new(&body, &solver).is_none());
+    }
+
+    #[test]
+    fn a_bone_outside_of_the_body_is_refused() {
+        let mut rig = rig();
+        let far = rig.bones[0]
+            .surface
+            .vertices()
+            .iter()
+            .map(|x| x * 1.0 + Vector3::repeat(9.0));
+        rig.bones[0].surface = rig.bones[0].surface.with_vertices(far.collect()).unwrap();
+        let scene = fixture::scene("");
+        let refused = Body::of_scene(&scene, fixture::inputs().surface, &rig, 0.2);
+        let message = refused.err().map(|e| e.to_string()).unwrap_or_default();
+        assert!(message.contains("`mandible` holds no node"), "{message}");
+    }
+
+    #[test]
+    fn parts_of_the_loss_count_what_the_scene_says() {
+        let surface = fixture::inputs().surface;
+        let body = |parts: &str| {
+            let scene = fixture::scene(parts);
+            Body::of_scene(&scene, surface.clone(), &Rig::default(), 0.4)
+        };
+        let half = "[[loss.weights]]\nregion = { type = \"half_space\", normal = [1, 0, 0], offset = 0.5 }\nweight = 0\n";
+        let weighed = body(half).unwrap();
+        for (x, weight) in surface.vertices().iter().zip(&weighed.vertex_weights) {
+            assert_eq!(*weight == 0.0, x.x > 0.5 - 1e-9, "{x}");
+        }
+        assert!((weighed.vertex_weights.iter().sum::<f64>() - 1.0).abs() < 1e-12);
+        for (parts, expected) in [
+            ("[[loss.weights]]\nweight = 0\n", "needs either"),
+            (
+                "[[loss.weights]]\nvertices = [0, 9999]\nweight = 0\n",
+                "the surface has 0 to 161",
+            ),
+            (
+                "[[loss.weights]]\nvertices = [0, 161]\nweight = 0\n",
+                "leaves no vertex",
+            ),
+            (
+                "[[loss.weights]]\nvertices = [0, 1]\nweight = -1\n",
+                "the weight -1",
+            ),
+            (
+                "[[loss.weights]]\nregion = { type = \"sphere\", center = [9, 9, 9], radius = 1 }\nweight = 2\n",
+                "selects no vertex",
+            ),
+        ] {
+            let message = body(parts).err().map(|e| e.to_string()).unwrap_or_default();
+            assert!(message.contains(expected), "{message}");
+        }
+    }
+}

@@ -311,3 +311,103 @@ fn fit(
         residual_angle,
     })
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::fixture;
+    use surface_mesh::primitives::icosphere;
+    use surface_mesh::write_obj;
+
+    const TURN: &str = "[1, 0, 0, 0, 0.8, -0.6, 0, 0.6, 0.8]";
+
+    /// A scene with a moved bone, and a folder that holds the bone and these motions.
+    fn load(motions: &str) -> Result<Rig> {
+        let folder = tempfile::tempdir().unwrap();
+        write_obj(folder.path().join("bone.obj"), &icosphere(1, 0.3)).unwrap();
+        std::fs::write(folder.path().join("motions.json"), motions).unwrap();
+        let scene = fixture::scene(
+            "[[bone]]\nname = \"mandible\"\nfile = \"bone.obj\"\nmoves = true\n[jaw]\nmotions = \"motions.json\"\n",
+        );
+        Rig::load(&scene, folder.path())
+    }
+
+    #[test]
+    fn motions_are_fitted_and_kept() {
+        // A turn by acos(0.8) about the x axis through (0, 1, 2): t = pivot - R pivot.
+        let hinge = format!(
+            r#"{{"unit_jaw": {{"long": {{"rotation_rowmajor": {TURN}, "translation_units": [0, 1.4, -0.2]}}}},
+                "frames": [{{"name": "bent", "weights": {{}}, "jaw": {{"rotation_rowmajor": [1,0,0,0,1,0,0,0,1], "translation": [0, 0, 0]}}}}, {{"name": "both"}}]}}"#
+        );
+        let rig = load(&hinge).unwrap();
+        let jaw = rig.jaw.clone().unwrap();
+        let [x, y, z] = jaw.pivot;
+        assert!((y - 1.0).abs() < 1e-9, "{x} {y} {z}");
+        assert!((z - 2.0).abs() < 1e-9 && jaw.residual_angle < 1e-9);
+        let theta = jaw.parameters("long");
+        assert!((theta[0] - 0.8_f64.acos()).abs() < 1e-9);
+        assert!(theta[1..].iter().all(|t| t.abs() < 1e-9));
+        assert_eq!(jaw.parameters("both"), Joint::REST);
+        let folder = tempfile::tempdir().unwrap();
+        rig.write(folder.path()).unwrap();
+        let again = Rig::read(folder.path()).unwrap();
+        assert_eq!(again.jaw, rig.jaw);
+        assert_eq!(again.bones[0].name, "mandible");
+        // Kept in single precision, as all inputs of a run.
+        for (a, b) in again.bones[0]
+            .surface
+            .vertices()
+            .iter()
+            .zip(rig.bones[0].surface.vertices())
+        {
+            assert!((a - b).norm() < 1e-6);
+        }
+        assert_eq!(
+            Rig::read(&folder.path().join("none")).unwrap(),
+            Rig::default()
+        );
+    }
+
+    #[test]
+    fn bad_motions_are_refused_with_the_mend() {
+        for (motions, expected) in [
+            ("{", "motions.json: EOF"),
+            ("{}", "holds no motion"),
+            (r#"{"open": {"rotation_rowmajor": [1, 2]}}"#, "9 numbers"),
+            (
+                r#"{"open": {"rotation_rowmajor": [1,0,0,0,1,0,0,0,1], "translation_m": [0, 0, 0]}}"#,
+                "has `translation_m`, but the scene's unit is `units`",
+            ),
+            (
+                r#"{"open": {"rotation_rowmajor": [1,0,0,0,1,0,0,0,1]}}"#,
+                "`open` has no `translation_units`",
+            ),
+            (
+                r#"{"open": {"rotation_rowmajor": [1,0,0,0,1,0,0,0,-1], "translation": [0, 0, 0]}}"#,
+                "is no rigid motion",
+            ),
+            (
+                r#"{"open": {"rotation_rowmajor": [2,0,0,0,1,0,0,0,1], "translation": [0, 0, 0]}}"#,
+                "is no rigid motion",
+            ),
+        ] {
+            let message = load(motions).unwrap_err().to_string();
+            assert!(message.contains(expected), "{message}");
+        }
+    }
+
+    #[test]
+    fn a_bone_that_moves_needs_a_joint() {
+        let folder = tempfile::tempdir().unwrap();
+        write_obj(folder.path().join("bone.obj"), &icosphere(1, 0.3)).unwrap();
+        let bone = "[[bone]]\nname = \"mandible\"\nfile = \"bone.obj\"\nmoves = true\n";
+        let message = Rig::load(&fixture::scene(bone), folder.path()).unwrap_err();
+        assert!(message.to_string().contains("`jaw.motions`"), "{message}");
+        let still = bone.replace("true", "false");
+        let rig = Rig::load(&fixture::scene(&still), folder.path()).unwrap();
+        assert!(rig.jaw.is_none() && rig.bones.len() == 1);
+        let absent = fixture::scene(&bone.replace("bone.obj", "none.obj"));
+        let message = Rig::load(&absent, folder.path()).unwrap_err().to_string();
+        assert!(message.contains("none.obj"), "{message}");
+    }
+}
