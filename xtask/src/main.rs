@@ -8,8 +8,10 @@ cargo xtask COMMAND
 
   train [SCENE] [--resume] [--out DIR] [--data DIR]
                  train a scene (the starfish unless given) into a run folder
-  eval RUN [--shapes FILE.glb] [--weights \"a=0.5,b=0.5\"] [--element-size H] [--out DIR]
+  eval RUN [--shapes FILE.glb|.json] [--weights \"a=0.5,b=0.5\"] [--units FILE.glb] [--element-size H] [--out DIR]
                  simulate and measure the shapes of a trained run, and others
+  eval RUN (--curves FILE.csv|.json | --blend A:B:N) [--units FILE.glb] [--fps RATE] [--element-size H] [--out DIR]
+                 simulate weights per frame, or the codes from one shape to another, into an animation and pictures
   solve (--cells NX,NY,NZ --size H | --surface FILE --element-size H) --fix \"x=0\" [...]
                  find one equilibrium and the gradient of a loss, on arrays in .npy files
   test [ARGS]    run all tests (arguments go to cargo test)

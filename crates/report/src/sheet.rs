@@ -8,11 +8,13 @@ use crate::render::{BACKGROUND, CLAY, Colours, Mesh, check_mesh, render};
 use crate::text::{self, Font};
 use nalgebra::Vector3;
 
-const INK: Rgb = [38, 40, 46];
-const FAINT: Rgb = [104, 108, 118];
+/// Colour of what is to be read first.
+pub(crate) const INK: Rgb = [38, 40, 46];
+/// Colour of what explains.
+pub(crate) const FAINT: Rgb = [104, 108, 118];
 const RULE: Rgb = [222, 224, 229];
 /// Free space around the sheet and between its parts, in pixels.
-const GAP: usize = 16;
+pub(crate) const GAP: usize = 16;
 /// Width of the column with the names, in pixels.
 const LABEL_WIDTH: usize = 208;
 /// A panel is never lower than this, so that its row's label has room.

@@ -2,8 +2,8 @@
 
 use nalgebra::Vector3;
 use report::{
-    BACKGROUND, CLAY, Camera, ColourScale, Colours, ComparisonSheet, Image, LinePlot, Mesh,
-    ReportError, Row, Series, render,
+    BACKGROUND, CLAY, Camera, ColourScale, Colours, ComparisonSheet, ContactSheet, Image, LinePlot,
+    Mesh, Panel, ReportError, Row, Series, render,
 };
 use surface_mesh::primitives::icosphere;
 
@@ -378,4 +378,55 @@ fn scales_colour_their_ends() {
             report::error_colour(1.0)
         ]
     );
+}
+
+#[test]
+fn a_contact_sheet_shows_every_panel_in_its_place() {
+    let ball = icosphere(3, 1.0);
+    let panel = |name| Panel {
+        name,
+        note: "note",
+        vertices: ball.vertices(),
+        triangles: ball.triangles(),
+    };
+    let sheet = |count: usize| {
+        let names = ["one", "two", "three", "four", "five"];
+        let mut sheet = ContactSheet::new("Balls", camera(ball.vertices()))
+            .columns(2)
+            .panel_width(120);
+        for name in &names[..count] {
+            sheet = sheet.panel(panel(name));
+        }
+        sheet.render()
+    };
+    let page = sheet(5).unwrap();
+    // A row of two; three rows.
+    let (width, height) = (page.width(), page.height());
+    assert_eq!(width, 16 + 2 * 136);
+    let row = (height - 56) / 3;
+    for place in 0..6 {
+        let (x, y) = (16 + 60 + place % 2 * 136, 56 + 60 + place / 2 * row);
+        let drawn = page.pixel(x, y) != BACKGROUND;
+        assert_eq!(drawn, place < 5, "{place}");
+    }
+    // The names differ, the pictures do not.
+    let cut = |left: usize, top: usize, height: usize| -> Vec<[u8; 3]> {
+        let rows = top..top + height;
+        rows.flat_map(|y| (left..left + 120).map(move |x| (x, y)))
+            .map(|(x, y)| page.pixel(x, y))
+            .collect()
+    };
+    assert_eq!(cut(16, 56, 120), cut(152, 56, 120));
+    assert_ne!(cut(16, 176, 18), cut(152, 176, 18));
+    assert_eq!(sheet(1).unwrap().width(), 16 + 136);
+    assert!(matches!(sheet(0), Err(ReportError::EmptySheet)));
+    let broken = Panel {
+        triangles: &[[0, 1, 9999]],
+        ..panel("broken")
+    };
+    let refused = ContactSheet::new("", camera(ball.vertices()))
+        .panel(panel("whole"))
+        .panel(broken)
+        .render();
+    assert!(matches!(refused, Err(ReportError::Row { row: 1, .. })));
 }

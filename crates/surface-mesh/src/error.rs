@@ -5,7 +5,7 @@ use std::path::PathBuf;
 
 use nalgebra::Vector3;
 
-use crate::{GltfProblem, ObjProblem};
+use crate::{AnimationProblem, GltfProblem, ObjProblem};
 
 /// Why a surface could not be built, read or written.
 #[derive(Debug, thiserror::Error)]
@@ -136,6 +136,16 @@ pub enum SurfaceError {
         what: String,
         /// Index of the vertex, from 0.
         vertex: usize,
+    },
+    /// An animation whose times or targets do not fit.
+    #[error("{}: the animation {name:?} {problem}", path.display())]
+    Animation {
+        /// The file being written.
+        path: PathBuf,
+        /// The animation's name.
+        name: String,
+        /// What does not fit.
+        problem: AnimationProblem,
     },
     /// A GLB file cannot be larger than 4 GiB.
     #[error("{}: {bytes} bytes do not fit a GLB file, which ends at 4 GiB; write fewer morph targets", path.display())]

@@ -13,7 +13,9 @@ mod surface;
 mod whole_file;
 
 pub use error::SurfaceError;
-pub use gltf_io::{GltfProblem, read_gltf, write_glb};
+pub use gltf_io::{
+    AnimationProblem, FrameAnimation, GltfProblem, read_gltf, write_animated_glb, write_glb,
+};
 pub use morph::{MorphTarget, MorphedSurface};
 pub use normals::{vertex_normals, vertex_normals_vjp};
 pub use obj::{ObjProblem, read_obj, write_obj};

@@ -1,6 +1,7 @@
 //! A body ready to be simulated: surface, voxels, embedding, and the shapes it is to learn.
 
 use crate::error::{Result, TrainerError};
+use crate::frames::{frame_shapes, read_frames};
 use crate::rig::{Jaw, Rig};
 use crate::scene::{LossPart, Scene, SurfaceSource};
 use face_rig::{BlendBasis, Bounds, Joint, JointParameters};
@@ -71,6 +72,16 @@ pub fn load_shapes(scene: &Scene, data: &Path) -> Result<MorphedSurface> {
                 Some(_) => read_matching(&path, &neutral.surface)?,
                 None => neutral.targets,
             };
+            if let Some(frames) = &scene.shapes.frames {
+                let units = MorphedSurface::new(neutral.surface.clone(), targets.clone())?;
+                let frames = read_frames(&data.join(frames), &units)?;
+                for shape in frame_shapes(&frames, &units, ShapeSet::Train) {
+                    targets.push(MorphTarget {
+                        deltas: difference(&shape.positions, units.surface.vertices()),
+                        name: shape.name,
+                    });
+                }
+            }
             for name in &scene.shapes.leave_out {
                 let before = targets.len();
                 targets.retain(|target| target.name != *name);

@@ -1,5 +1,6 @@
 //! What can go wrong between a scene file and a trained body.
 
+use crate::frames::{FramesProblem, Place};
 use std::path::{Path, PathBuf};
 use thiserror::Error;
 
@@ -84,6 +85,28 @@ pub enum TrainerError {
     WeightList {
         /// What was given.
         text: String,
+    },
+    /// A file of weights per frame that cannot be used.
+    #[error("{}{place}: {problem}", path.display())]
+    Frames {
+        /// The file.
+        path: PathBuf,
+        /// Where in it.
+        place: Place,
+        /// What is wrong there, and the mend.
+        problem: FramesProblem,
+    },
+    /// More frames than one GLB file holds.
+    #[error(
+        "{frames} frames of {vertices} vertices do not fit a GLB file, which ends at 4 GiB: simulate {most} at a time at most"
+    )]
+    TooManyFrames {
+        /// Frames asked for.
+        frames: usize,
+        /// Vertices of the surface.
+        vertices: usize,
+        /// Frames that fit.
+        most: usize,
     },
     /// A value on the command line that does not parse or is out of range.
     #[error("`{option} {text}` cannot be used: {mend}")]

@@ -3,12 +3,14 @@
 use crate::body::{Body, Shape, ShapeSet, Shapes, difference, read_matching};
 use crate::error::{Result, TrainerError};
 use crate::files::{create_folder, write_json};
+use crate::frames::{frame_shapes, is_frames_file, read_frames, read_units};
 use crate::hanging::Hanging;
 use crate::loss::distances;
 use crate::progress::{Phase, stop_requested};
 use crate::run::Run;
 use crate::scene::Scene;
 use crate::stage2::set_actuation;
+use crate::trained::Trained;
 use actuation_net::ActuationNet;
 use face_rig::JointParameters;
 use nalgebra::Vector3;
@@ -173,8 +175,10 @@ fn weighted(distances: &[f64], weights: &[f64]) -> (f64, f64) {
 /// What to evaluate.
 #[derive(Debug, Default)]
 pub struct EvaluationRequest {
-    /// Held-out shapes in a glTF file over the same vertices.
+    /// Held-out shapes: a glTF file over the same vertices, or a file of frames with weights over the scene's shapes.
     pub shapes: Option<PathBuf>,
+    /// A glTF file over the same vertices whose morph targets those frames weigh instead.
+    pub units: Option<PathBuf>,
     /// Blends of shapes by name and weight.
     pub blends: Vec<Vec<(String, f64)>>,
     /// Another element size than that of training.
@@ -188,26 +192,19 @@ pub struct EvaluationRequest {
 /// # Errors
 /// When the run is not finished or damaged, a file does not fit, or the output cannot be written.
 pub fn evaluate(run: &Run, request: &EvaluationRequest) -> Result<(Vec<ShapeResult>, PathBuf)> {
-    let scene = run.scene()?;
-    let inputs = run.inputs()?;
-    let element_size = request.element_size.unwrap_or(scene.mesh.element_size);
-    let surface = inputs.surface.clone();
-    let rig = run.rig()?;
-    let body = Body::of_scene(&scene, surface, &rig, element_size)?;
-    let shapes = Shapes::new(&scene, &inputs, rig.jaw.as_ref(), &body.vertex_weights)?;
-    let config = crate::train::network_config(&scene, &shapes);
-    if !run.model_path().exists() {
-        return Err(TrainerError::Run {
-            path: run.folder().to_path_buf(),
-            problem:
-                "has no trained network yet (no model.safetensors): finish training with --resume"
-                    .into(),
-        });
+    if let (None, Some(units)) = (&request.shapes, &request.units) {
+        return Err(units_without_frames(units));
     }
-    let net = ActuationNet::load_with(run.model_path(), &config)?;
+    let Trained {
+        scene,
+        inputs,
+        body,
+        shapes,
+        net,
+    } = Trained::load(run, request.element_size)?;
     let mut wanted: Vec<Shape> = shapes.all.clone();
     if let Some(path) = &request.shapes {
-        wanted.extend(held_out(path, &inputs)?);
+        wanted.extend(held_out(path, request.units.as_deref(), &inputs)?);
     }
     for weights in &request.blends {
         wanted.push(shapes.blend(weights, &inputs)?);
@@ -218,7 +215,23 @@ pub fn evaluate(run: &Run, request: &EvaluationRequest) -> Result<(Vec<ShapeResu
     Ok((results, folder))
 }
 
-fn held_out(path: &Path, inputs: &MorphedSurface) -> Result<Vec<Shape>> {
+fn units_without_frames(units: &Path) -> TrainerError {
+    TrainerError::Option {
+        option: "--units",
+        text: units.display().to_string(),
+        mend: "it names the shapes that frames weigh: give it with --curves, or with --shapes and a .json or .csv file of frames",
+    }
+}
+
+fn held_out(path: &Path, units: Option<&Path>, inputs: &MorphedSurface) -> Result<Vec<Shape>> {
+    if is_frames_file(path) {
+        let units = read_units(units, inputs)?;
+        let frames = read_frames(path, &units)?;
+        return Ok(frame_shapes(&frames, &units, ShapeSet::HeldOut));
+    }
+    if let Some(units) = units {
+        return Err(units_without_frames(units));
+    }
     let rest = inputs.surface.vertices();
     let targets = read_matching(path, &inputs.surface)?;
     let shapes = targets.into_iter().map(|target| Shape {

@@ -1,7 +1,7 @@
 //! Trains, evaluates and simulates neural muscle fields.
 //!
 //! A [`scene::Scene`] says what a body is made of and which shapes it is to learn; [`train::train`] turns it into a run folder;
-//! [`evaluate::evaluate`] simulates and measures what was learned; [`solve::solve`] makes the solver usable by itself. The program
+//! [`evaluate::evaluate`] simulates and measures what was learned; [`performance::perform`] turns curves of weights into an animation; [`solve::solve`] makes the solver usable by itself. The program
 //! `myofield` is a command line over these.
 
 /// Compiles the examples of the README.
@@ -11,15 +11,18 @@ struct Readme;
 
 pub mod body;
 pub mod checkpoint;
+mod curves;
 mod draw;
 pub mod error;
 pub mod evaluate;
 pub mod files;
 #[cfg(test)]
 mod fixture;
+pub mod frames;
 pub mod hanging;
 pub mod loss;
 pub mod npy;
+pub mod performance;
 mod progress;
 pub mod rig;
 pub mod run;
@@ -30,6 +33,7 @@ pub mod stage1;
 pub mod stage2;
 pub mod table;
 pub mod train;
+pub mod trained;
 
 pub use error::{Result, TrainerError};
 pub use progress::stop_on_signal;

@@ -5,6 +5,7 @@ use pd_solver::{Method, Stop};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use trainer::evaluate::{EvaluationRequest, evaluate, parse_weights};
+use trainer::performance::{CodePath, DEFAULT_FPS, PerformanceRequest, Source, perform, summary};
 use trainer::rig::Rig;
 use trainer::run::{Run, newest_folder, next_folder};
 use trainer::scene::Scene;
@@ -51,12 +52,30 @@ struct TrainArgs {
 struct EvalArgs {
     /// Run folder.
     run: PathBuf,
-    /// Shapes that were not trained: a glTF or GLB file over the same vertices.
+    /// Shapes that were not trained: a glTF or GLB file over the same vertices, or a JSON or CSV file of frames with weights over
+    /// the scene's shapes.
     #[arg(long, value_name = "FILE")]
     shapes: Option<PathBuf>,
     /// A blend of shapes, such as "curl=0.5,lift=0.5"; may be given several times.
     #[arg(long, value_name = "LIST")]
     weights: Vec<String>,
+    /// Only a performance: simulate a CSV or JSON file of weights, frame by frame, into an animation and pictures.
+    #[arg(long, value_name = "FILE", group = "performance", conflicts_with_all = ["shapes", "weights"])]
+    curves: Option<PathBuf>,
+    /// Only a performance, from shape A to shape B (or `neutral`) in N frames through the codes between; A:B:C:N goes on.
+    #[arg(long, value_name = "A:B:N", group = "performance", conflicts_with_all = ["shapes", "weights"])]
+    blend: Option<String>,
+    /// A glTF or GLB file over the same vertices whose morph targets are what frames weigh, instead of the scene's shapes.
+    #[arg(long, value_name = "FILE")]
+    units: Option<PathBuf>,
+    /// Frames per second of a performance (24 unless given).
+    #[arg(
+        long,
+        value_name = "RATE",
+        requires = "performance",
+        allow_hyphen_values = true
+    )]
+    fps: Option<f64>,
     /// Another element size than that of training.
     #[arg(long, value_name = "H", allow_hyphen_values = true)]
     element_size: Option<f64>,
@@ -224,11 +243,20 @@ fn example_weights(results: &[trainer::evaluate::ShapeResult]) -> String {
 }
 
 fn run_eval(args: EvalArgs) -> trainer::Result<()> {
+    let source = match (&args.curves, &args.blend) {
+        (Some(file), _) => Some(Source::Curves(file.clone())),
+        (_, Some(path)) => Some(Source::Path(CodePath::parse(path)?)),
+        _ => None,
+    };
     let run = Run::open(&args.run)?;
+    if let Some(source) = source {
+        return run_performance(&run, source, args);
+    }
     let scene = run.scene()?;
     let blends = args.weights.iter().map(|w| parse_weights(w));
     let request = EvaluationRequest {
         shapes: args.shapes,
+        units: args.units,
         blends: blends.collect::<trainer::Result<_>>()?,
         element_size: args.element_size,
         out: args.out,
@@ -237,6 +265,26 @@ fn run_eval(args: EvalArgs) -> trainer::Result<()> {
     let diagonal = run.inputs()?.surface.diagonal();
     println!("\n{}", table(&results, &[], diagonal, &scene.unit));
     println!("written to {}", folder.display());
+    Ok(())
+}
+
+fn run_performance(run: &Run, source: Source, args: EvalArgs) -> trainer::Result<()> {
+    let request = PerformanceRequest {
+        source,
+        units: args.units,
+        fps: args.fps.unwrap_or(DEFAULT_FPS),
+        element_size: args.element_size,
+        out: args.out,
+    };
+    let performance = perform(run, &request)?;
+    let (diagonal, unit) = (performance.diagonal, &performance.unit);
+    let results: Vec<_> = performance.frames.iter().map(|f| &f.result).collect();
+    println!("\n{}", table(&results, &[], diagonal, unit));
+    println!("{}", summary(&performance));
+    let folder = performance.folder.display();
+    println!("written to {folder}");
+    println!("animation  {folder}/animation.glb (a morph target for every frame)");
+    println!("pictures   {folder}/contact-sheet.png, {folder}/frame-0001.png and on");
     Ok(())
 }
 

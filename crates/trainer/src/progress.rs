@@ -64,6 +64,11 @@ impl Phase {
     }
 }
 
+/// Says something that the user may want to know and need not act on.
+pub fn note(message: &str) {
+    eprintln!("{:>12} {message}", "note");
+}
+
 static STOP: AtomicBool = AtomicBool::new(false);
 
 /// Lets Ctrl-C and SIGTERM ask the work to stop at the next step; a second one stops at once.

@@ -2,6 +2,7 @@
 
 use crate::error::{Result, TrainerError, file_error};
 use crate::files::{create_folder, remove_unfinished, write_whole};
+use crate::performance::PERFORMANCE;
 use crate::rig::Rig;
 use crate::scene::Scene;
 use std::fs::File;
@@ -58,6 +59,7 @@ impl Run {
         let run = Self::lock(folder)?;
         remove_unfinished(folder)?;
         remove_unfinished(&run.evaluation_folder())?;
+        remove_unfinished(&run.evaluation_folder().join(PERFORMANCE))?;
         Ok(run)
     }
 

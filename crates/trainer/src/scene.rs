@@ -75,6 +75,8 @@ pub struct ShapeList {
     /// A glTF or GLB file with target shapes as morph targets over the vertices of the surface, relative to the data folder.
     /// The surface's own file is used where this is not given.
     pub file: Option<PathBuf>,
+    /// JSON or CSV file of frames, weights over the shapes of the file, relative to the data folder: each frame is a target shape too.
+    pub frames: Option<PathBuf>,
     /// Names of the shapes that are held out of training.
     #[serde(default)]
     pub held_out: Vec<String>,

@@ -3,6 +3,7 @@
 use crate::body::ShapeSet;
 use crate::checkpoint::StageError;
 use crate::evaluate::ShapeResult;
+use std::borrow::Borrow;
 
 /// Mean of some numbers; 0 of none.
 pub fn mean_of(values: impl Iterator<Item = f64>) -> f64 {
@@ -11,8 +12,14 @@ pub fn mean_of(values: impl Iterator<Item = f64>) -> f64 {
 }
 
 /// The table that training and evaluation end with.
-pub fn table(results: &[ShapeResult], stage1: &[StageError], diagonal: f64, unit: &str) -> String {
+pub fn table<R: Borrow<ShapeResult>>(
+    results: &[R],
+    stage1: &[StageError],
+    diagonal: f64,
+    unit: &str,
+) -> String {
     use std::fmt::Write;
+    let results: Vec<&ShapeResult> = results.iter().map(Borrow::borrow).collect();
     let percent = 100.0 / diagonal;
     let width = results
         .iter()
@@ -32,7 +39,7 @@ pub fn table(results: &[ShapeResult], stage1: &[StageError], diagonal: f64, unit
         "{:width$}  {:8}{first}  mean {unit:<6}  mean %  max {unit:<6}   max %     energy  iterations  seconds  inverted",
         "shape", "set",
     );
-    for r in results {
+    for r in &results {
         let before = match (stage1.is_empty(), after1(&r.name)) {
             (true, _) => String::new(),
             (false, Some(e)) => format!("  {:14.3}", e.mean * percent),

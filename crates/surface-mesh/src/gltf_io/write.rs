@@ -28,16 +28,15 @@ pub fn write_glb(path: impl AsRef<Path>, morphed: &MorphedSurface) -> Result<(),
     let path = path.as_ref();
     morphed.check_targets()?;
     let mut content = Content::default();
-    let primitive = content.primitive(path, morphed)?;
-    let json = document(
-        content.accessors,
-        content.views,
-        &content.bytes,
-        primitive,
-        morphed,
-    );
-    let json = serde_json::to_vec(&json).expect("JSON values with string keys serialise");
-    let bytes = (content.bytes.len() + json.len()) as u64 + 64;
+    let primitive = content.primitive(path, morphed, Storage::Sparse)?;
+    let json = document(&content, primitive, morphed);
+    save(path, &json, content.bytes)
+}
+
+/// Writes the two chunks of a GLB file, whole or not at all.
+pub(super) fn save(path: &Path, json: &Value, binary: Vec<u8>) -> Result<(), SurfaceError> {
+    let json = serde_json::to_vec(json).expect("JSON values with string keys serialise");
+    let bytes = (binary.len() + json.len()) as u64 + 64;
     if bytes > u32::MAX.into() {
         return Err(SurfaceError::GlbTooLarge {
             path: path.into(),
@@ -52,20 +51,15 @@ pub fn write_glb(path: impl AsRef<Path>, morphed: &MorphedSurface) -> Result<(),
             length: 0,
         },
         json: Cow::Owned(json),
-        bin: Some(Cow::Owned(content.bytes)),
+        bin: Some(Cow::Owned(binary)),
     };
     write_whole(path, |out| {
         glb.to_writer(out).map_err(std::io::Error::other)
     })
 }
 
-fn document(
-    accessors: Vec<Value>,
-    views: Vec<Value>,
-    bytes: &[u8],
-    primitive: Value,
-    morphed: &MorphedSurface,
-) -> Value {
+/// The JSON of a file with one mesh, of `primitive` and the names of its targets, at node 0.
+pub(super) fn document(content: &Content, primitive: Value, morphed: &MorphedSurface) -> Value {
     let mut mesh = json!({ "name": "surface", "primitives": [primitive] });
     if !morphed.targets.is_empty() {
         let names: Vec<&str> = morphed.targets.iter().map(|t| t.name.as_str()).collect();
@@ -78,22 +72,36 @@ fn document(
         "scenes": [{ "nodes": [0] }],
         "nodes": [{ "mesh": 0, "name": "surface" }],
         "meshes": [mesh],
-        "accessors": accessors,
-        "bufferViews": views,
-        "buffers": [{ "byteLength": bytes.len() }],
+        "accessors": content.accessors,
+        "bufferViews": content.views,
+        "buffers": [{ "byteLength": content.bytes.len() }],
     })
+}
+
+/// How the deltas of morph targets are kept.
+#[derive(Clone, Copy, PartialEq)]
+pub(super) enum Storage {
+    /// Only the vertices that move.
+    Sparse,
+    /// Whichever is smaller for each target: only the vertices that move, or all of them.
+    Smaller,
 }
 
 /// The binary chunk with the views and accessors into it.
 #[derive(Default)]
-struct Content {
-    bytes: Vec<u8>,
+pub(super) struct Content {
+    pub bytes: Vec<u8>,
     views: Vec<Value>,
     accessors: Vec<Value>,
 }
 
 impl Content {
-    fn primitive(&mut self, path: &Path, morphed: &MorphedSurface) -> Result<Value, SurfaceError> {
+    pub fn primitive(
+        &mut self,
+        path: &Path,
+        morphed: &MorphedSurface,
+        storage: Storage,
+    ) -> Result<Value, SurfaceError> {
         let surface = &morphed.surface;
         let positions = single(path, "the surface", surface.vertices())?;
         let positions = self.positions(&positions);
@@ -101,7 +109,7 @@ impl Content {
         let mut targets = Vec::with_capacity(morphed.targets.len());
         for target in &morphed.targets {
             let deltas = single(path, &target.name, &target.deltas)?;
-            targets.push(json!({ "POSITION": self.sparse_target(&deltas) }));
+            targets.push(json!({ "POSITION": self.target(&deltas, storage) }));
         }
         let mut primitive = json!({
             "attributes": { "POSITION": positions },
@@ -112,6 +120,21 @@ impl Content {
             primitive["targets"] = Value::Array(targets);
         }
         Ok(primitive)
+    }
+
+    /// One number per entry; `bounds` are written where given.
+    pub fn scalars(&mut self, values: &[f32], bounds: Option<[f32; 2]>) -> usize {
+        let view = self.view(None, |bytes| put_floats(bytes, values));
+        let mut accessor = json!({
+            "bufferView": view, "componentType": FLOAT, "count": values.len(), "type": "SCALAR",
+        });
+        if let Some(bounds) = bounds {
+            // As the exact values of the 32-bit floats, as the bounds of vectors are.
+            let [min, max] = bounds.map(f64::from);
+            accessor["min"] = json!([min]);
+            accessor["max"] = json!([max]);
+        }
+        self.accessor(accessor)
     }
 
     fn positions(&mut self, positions: &[[f32; 3]]) -> usize {
@@ -133,12 +156,23 @@ impl Content {
         }))
     }
 
-    fn sparse_target(&mut self, deltas: &[[f32; 3]]) -> usize {
+    fn target(&mut self, deltas: &[[f32; 3]], storage: Storage) -> usize {
         // By bits, so that a negative zero survives too.
         let moves = |delta: &[f32; 3]| delta.iter().any(|x| x.to_bits() != 0);
-        let mut moved: Vec<u32> = (0..deltas.len() as u32)
+        let moved: Vec<u32> = (0..deltas.len() as u32)
             .filter(|&vertex| moves(&deltas[vertex as usize]))
             .collect();
+        let index_bytes = match index_type(deltas.len()) {
+            UNSIGNED_SHORT => 2,
+            _ => 4,
+        };
+        if storage == Storage::Smaller && moved.len() * (12 + index_bytes) >= deltas.len() * 12 {
+            return self.positions(deltas);
+        }
+        self.sparse_target(deltas, moved)
+    }
+
+    fn sparse_target(&mut self, deltas: &[[f32; 3]], mut moved: Vec<u32>) -> usize {
         if moved.is_empty() {
             // A sparse part needs one entry at least, and readers disagree on accessors with neither view nor sparse part.
             moved.push(0);
@@ -214,7 +248,11 @@ fn bounds(vectors: &[[f32; 3]]) -> ([f64; 3], [f64; 3]) {
 }
 
 fn put_vectors(bytes: &mut Vec<u8>, vectors: &[[f32; 3]]) {
-    for x in vectors.as_flattened() {
+    put_floats(bytes, vectors.as_flattened());
+}
+
+fn put_floats(bytes: &mut Vec<u8>, values: &[f32]) {
+    for x in values {
         bytes.extend_from_slice(&x.to_le_bytes());
     }
 }

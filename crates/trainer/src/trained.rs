@@ -1,0 +1,55 @@
+//! A trained run with everything that simulating it needs.
+
+use crate::body::{Body, Shapes};
+use crate::error::{Result, TrainerError};
+use crate::run::Run;
+use crate::scene::Scene;
+use actuation_net::ActuationNet;
+use surface_mesh::MorphedSurface;
+
+/// Scene, body, shapes and network of a finished run.
+pub struct Trained {
+    /// The scene as it was used.
+    pub scene: Scene,
+    /// The neutral surface and the target shapes.
+    pub inputs: MorphedSurface,
+    /// The body, voxelised.
+    pub body: Body,
+    /// The target shapes and the basis that describes any shape.
+    pub shapes: Shapes,
+    /// The trained network.
+    pub net: ActuationNet,
+}
+
+impl Trained {
+    /// Loads a run, with elements of another size than that of training where one is given.
+    ///
+    /// # Errors
+    /// When the run is not finished or damaged, or the element size does not fit the body.
+    pub fn load(run: &Run, element_size: Option<f64>) -> Result<Self> {
+        let scene = run.scene()?;
+        let inputs = run.inputs()?;
+        let element_size = element_size.unwrap_or(scene.mesh.element_size);
+        let surface = inputs.surface.clone();
+        let rig = run.rig()?;
+        let body = Body::of_scene(&scene, surface, &rig, element_size)?;
+        let shapes = Shapes::new(&scene, &inputs, rig.jaw.as_ref(), &body.vertex_weights)?;
+        let config = crate::train::network_config(&scene, &shapes);
+        if !run.model_path().exists() {
+            return Err(TrainerError::Run {
+                path: run.folder().to_path_buf(),
+                problem:
+                    "has no trained network yet (no model.safetensors): finish training with --resume"
+                        .into(),
+            });
+        }
+        let net = ActuationNet::load_with(run.model_path(), &config)?;
+        Ok(Self {
+            scene,
+            inputs,
+            body,
+            shapes,
+            net,
+        })
+    }
+}
