@@ -121,7 +121,9 @@ fn curves_and_paths_become_performances() {
         { "name": "two", "weights": { "turn": 0.25, "bend": 0.5 }, "jaw": { "rms_cm": 0.0 } },
         { "weights": { "bend": 1, "turn": 0.5 } } ] }"#;
     let file = trained.file("curves.json", text);
-    let ran = trained.eval(&format!("--curves {file} --fps 12.5")).succeeds();
+    let ran = trained
+        .eval(&format!("--curves {file} --fps 12.5"))
+        .succeeds();
     assert!(ran.stderr.contains("jaw transforms"), "{}", ran.stderr);
     let second = check_performance(&evaluation, &ran, &["one", "two", "frame 3"], 12.5);
     for frame in 0..3 {
@@ -189,20 +191,56 @@ fn frames_that_cannot_be_used() {
     for (name, text, parts) in [
         ("a.csv", "", &["no frames"][..]),
         ("a.csv", "bend,rise\n", &["no frames"]),
-        ("a.csv", "bend,rise\n0,1\n0\n", &["a.csv:3", "1 cells", "2 columns"]),
-        ("a.csv", "bend,rise,bend\n0,1,0\n", &["a.csv:1", "1 and 3", "`bend`"]),
-        ("a.csv", "bend,rise\n0,1.5\n", &["a.csv:2", "`rise`", "1.5", "0 to 1"]),
-        ("a.csv", "bend,rise\n-0.5,1\n", &["a.csv:2", "`bend`", "-0.5"]),
+        (
+            "a.csv",
+            "bend,rise\n0,1\n0\n",
+            &["a.csv:3", "1 cells", "2 columns"],
+        ),
+        (
+            "a.csv",
+            "bend,rise,bend\n0,1,0\n",
+            &["a.csv:1", "1 and 3", "`bend`"],
+        ),
+        (
+            "a.csv",
+            "bend,rise\n0,1.5\n",
+            &["a.csv:2", "`rise`", "1.5", "0 to 1"],
+        ),
+        (
+            "a.csv",
+            "bend,rise\n-0.5,1\n",
+            &["a.csv:2", "`bend`", "-0.5"],
+        ),
         ("a.csv", "bend,rise\n0,NaN\n", &["a.csv:2", "`rise`", "NaN"]),
         ("a.csv", "bend,rise\n0,x\n", &["a.csv:2", "`x`", "`rise`"]),
-        ("a.csv", "bendd,rise\n0,1\n", &["a.csv:2", "bendd", suggestion]),
+        (
+            "a.csv",
+            "bendd,rise\n0,1\n",
+            &["a.csv:2", "bendd", suggestion],
+        ),
         ("a.csv", "bend;rise\n0;1\n", &["a.csv:1", "semicolons"]),
         ("a.json", "", &["no frames"]),
         ("a.json", "{\"frames\": []}", &["no frames"]),
-        ("a.json", "{\"frames\": [{\"weights\":\n{\"bend\": NaN}}]}", &["a.json:2"]),
-        ("a.json", "{\"frames\": [{\"weights\": {\"bend\": 2}}]}", &["frame 1", "`bend` is 2"]),
-        ("a.json", "{\"frames\": [{\"weights\": {\"bendd\": 1}}]}", &["frame 1", suggestion]),
-        ("a.json", "{\"frames\": [{\"weights\": {\"bend\": 1, \"bend\": 1}}]}", &["twice"]),
+        (
+            "a.json",
+            "{\"frames\": [{\"weights\":\n{\"bend\": NaN}}]}",
+            &["a.json:2"],
+        ),
+        (
+            "a.json",
+            "{\"frames\": [{\"weights\": {\"bend\": 2}}]}",
+            &["frame 1", "`bend` is 2"],
+        ),
+        (
+            "a.json",
+            "{\"frames\": [{\"weights\": {\"bendd\": 1}}]}",
+            &["frame 1", suggestion],
+        ),
+        (
+            "a.json",
+            "{\"frames\": [{\"weights\": {\"bend\": 1, \"bend\": 1}}]}",
+            &["twice"],
+        ),
         ("a.txt", "bend\n0\n", &[".csv and .json"]),
     ] {
         let file = trained.file(name, text);
@@ -223,7 +261,14 @@ fn frames_that_cannot_be_used() {
         let parts = ["cannot be used with"];
         trained.refuses(&format!("--curves {good} {other}"), &parts);
     }
-    for path in ["bend", "bend:rise", "bend:3", "bend:rise:1", "bend::3", "bend:rise:x"] {
+    for path in [
+        "bend",
+        "bend:rise",
+        "bend:3",
+        "bend:rise:1",
+        "bend::3",
+        "bend:rise:x",
+    ] {
         trained.refuses(&format!("--blend {path}"), &["--blend", path, "A:B:N"]);
     }
     trained.refuses("--blend bendd:rise:3", &["--blend", "bendd", suggestion]);
