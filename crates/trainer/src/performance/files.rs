@@ -112,7 +112,7 @@ fn label(frame: &PerformedFrame) -> [String; 2] {
     let unnamed = format!("frame {}", frame.frame);
     let name = match result.name == unnamed {
         true => unnamed,
-        false => format!("{} {}", frame.frame, result.name),
+        false => format!("{}: {}", frame.frame, result.name),
     };
     let mut note = format!("{:.2} % mean", result.mean_error_percent);
     if result.inverted_elements > 0 {
@@ -296,6 +296,6 @@ mod tests {
         frame.result.inverted_elements = 2;
         frame.result.status = Status::Stalled;
         let note = "1.00 % mean, 2 inverted, NOT CONVERGED";
-        assert_eq!(label(&frame), ["3 grin", note]);
+        assert_eq!(label(&frame), ["3: grin", note]);
     }
 }

@@ -103,7 +103,7 @@ mod tests {
         );
         assert!(text.contains("no frame has inverted elements"), "{text}");
         assert!(
-            !text.contains("again") && !text.contains("NOT CONVERGED"),
+            !text.contains("started again") && !text.contains("NOT CONVERGED"),
             "{text}"
         );
         for frame in &mut performance.frames {
