@@ -256,13 +256,15 @@ impl WithSimd for Product<'_> {
                     }
                     to_modes(simd, a);
                 }
-                let cores = core_product(simd, block, shift, self.stiffness.hourglass, &a);
+                let hourglass = self.stiffness.hourglass;
+                let coefficients = core_coefficients(simd, block, shift, hourglass, &a);
                 let weight = load::<S>(&block.weight, shift);
                 for (i, a) in a.iter_mut().enumerate() {
+                    let force = core_force(simd, block, shift, i, &coefficients);
                     a[0] = zero;
                     for mode in 1..8 {
                         let scale = simd.mul_f32s(weight, stiffness[mode]);
-                        a[mode] = simd.mul_add_e_f32s(a[mode], scale, cores[i][mode]);
+                        a[mode] = simd.mul_add_e_f32s(a[mode], scale, force[mode]);
                     }
                     from_modes(simd, a);
                     for (n, force) in a.iter().enumerate() {
@@ -285,52 +287,63 @@ impl WithSimd for Product<'_> {
 
 // In what follows there are no closures over lanes: they are compiled without the instruction set that the loop is dispatched to.
 
-/// What the cores add to the force of every mode: the derivative of the mean of `-sum_k (m_k : g)^2 / 2`. Zero where a lane holds no
-/// element.
+/// For every core, minus the seven weighted coefficients of the polynomial `m : g`: its constant, its slopes along the three axes, and
+/// the factors of the products of the two other coordinates. Zero where a lane holds no element.
 #[inline(always)]
-fn core_product<S: Simd>(
+fn core_coefficients<S: Simd>(
     simd: S,
     block: &Block,
     shift: usize,
     hourglass: [f32; 2],
     a: &[[S::f32s; 8]; 3],
-) -> [[S::f32s; 8]; 3] {
+) -> [[S::f32s; 7]; 3] {
     let zero = simd.splat_f32s(0.0);
-    let minus = [
-        simd.splat_f32s(-hourglass[0]),
-        simd.splat_f32s(-hourglass[1]),
-    ];
-    let mut force = [[zero; 8]; 3];
-    for core in block.cores.as_chunks::<9>().0 {
-        // m : g = constant + sum_axis linear[axis] xi_axis + sum_axis bilinear[axis] (product of the other two coordinates).
+    let slope = simd.splat_f32s(-hourglass[0]);
+    let product = simd.splat_f32s(-hourglass[1]);
+    let mut out = [[zero; 7]; 3];
+    for (out, core) in out.iter_mut().zip(block.cores.as_chunks::<9>().0) {
         let (mut constant, mut linear, mut bilinear) = (zero, [zero; 3], [zero; 3]);
         for (a, m) in a.iter().zip(core.as_chunks::<3>().0) {
             for axis in 0..3 {
                 let m = load::<S>(&m[axis], shift);
                 constant = simd.mul_add_e_f32s(m, a[LINEAR[axis]], constant);
-                let others = [(axis + 1) % 3, (axis + 2) % 3];
-                for (along, mode) in [(others[0], others[1]), (others[1], others[0])] {
-                    linear[along] = simd.mul_add_e_f32s(m, a[BILINEAR[mode]], linear[along]);
-                }
+                let (next, last) = ((axis + 1) % 3, (axis + 2) % 3);
+                linear[next] = simd.mul_add_e_f32s(m, a[BILINEAR[last]], linear[next]);
+                linear[last] = simd.mul_add_e_f32s(m, a[BILINEAR[next]], linear[last]);
                 bilinear[axis] = simd.mul_add_e_f32s(m, a[TRILINEAR], bilinear[axis]);
             }
         }
-        constant = simd.neg_f32s(constant);
+        out[0] = simd.neg_f32s(constant);
         for axis in 0..3 {
-            linear[axis] = simd.mul_f32s(linear[axis], minus[0]);
-            bilinear[axis] = simd.mul_f32s(bilinear[axis], minus[1]);
+            out[1 + axis] = simd.mul_f32s(linear[axis], slope);
+            out[4 + axis] = simd.mul_f32s(bilinear[axis], product);
         }
-        for (force, m) in force.iter_mut().zip(core.as_chunks::<3>().0) {
-            for axis in 0..3 {
-                let m = load::<S>(&m[axis], shift);
-                let mode = LINEAR[axis];
-                force[mode] = simd.mul_add_e_f32s(m, constant, force[mode]);
-                let others = [(axis + 1) % 3, (axis + 2) % 3];
-                for (along, mode) in [(others[0], others[1]), (others[1], others[0])] {
-                    let mode = BILINEAR[mode];
-                    force[mode] = simd.mul_add_e_f32s(m, linear[along], force[mode]);
-                }
-                force[TRILINEAR] = simd.mul_add_e_f32s(m, bilinear[axis], force[TRILINEAR]);
+    }
+    out
+}
+
+/// What the cores add to the force of every mode of component `i`: the derivative of the mean of `-sum_k (m_k : g)^2 / 2`. One
+/// component after another, so that the sums stay in registers.
+#[inline(always)]
+fn core_force<S: Simd>(
+    simd: S,
+    block: &Block,
+    shift: usize,
+    i: usize,
+    coefficients: &[[S::f32s; 7]; 3],
+) -> [S::f32s; 8] {
+    let mut force = [simd.splat_f32s(0.0); 8];
+    for (core, c) in block.cores.as_chunks::<9>().0.iter().zip(coefficients) {
+        for axis in 0..3 {
+            let m = load::<S>(&core[3 * i + axis], shift);
+            let (next, last) = ((axis + 1) % 3, (axis + 2) % 3);
+            for (mode, c) in [
+                (LINEAR[axis], c[0]),
+                (BILINEAR[last], c[1 + next]),
+                (BILINEAR[next], c[1 + last]),
+                (TRILINEAR, c[4 + axis]),
+            ] {
+                force[mode] = simd.mul_add_e_f32s(m, c, force[mode]);
             }
         }
     }
