@@ -2,7 +2,7 @@
 
 use crate::constant::ConstantSystem;
 use crate::methods::Preconditioner;
-use crate::multigrid::{Curvature, Multigrid};
+use crate::multigrid::Multigrid;
 use crate::vector::NodalVector;
 use nalgebra::Vector3;
 
@@ -44,7 +44,6 @@ impl Preconditioner for ConstantSystem {
 pub(crate) struct Cycle {
     pub(crate) multigrid: Multigrid,
     built_at: NodalVector,
-    curvature: Curvature,
     element_size: f64,
     /// Much of the body is one element thick. It bends by modes that the cycle sees only as constant stiffness, several times too
     /// stiff.
@@ -57,7 +56,6 @@ impl Cycle {
             thin: multigrid.hierarchy().grids[0].thin_share() > THIN,
             multigrid,
             built_at: Vec::new(),
-            curvature: Curvature::True,
             element_size,
         }
     }
@@ -65,7 +63,7 @@ impl Cycle {
     /// Says that the coarse levels were built for something else since. The true Hessian is to be tried again.
     pub(crate) fn forget(&mut self) {
         self.built_at.clear();
-        self.curvature = Curvature::True;
+        self.multigrid.trust(0);
     }
 }
 
@@ -93,26 +91,17 @@ impl Preconditioner for Cycle {
     }
 
     fn rebuild(&mut self, u: &[Vector3<f64>]) {
-        if !self.multigrid.build(0, u, self.curvature) {
-            self.project(u);
-        }
+        self.multigrid.rebuild(0, u);
         self.built_at.clear();
         self.built_at.extend_from_slice(u);
     }
 
     fn project(&mut self, u: &[Vector3<f64>]) -> bool {
-        let was_true = self.curvature == Curvature::True;
-        if was_true {
-            self.curvature = Curvature::Projected;
-            self.rebuild(u);
-        }
-        was_true
+        self.multigrid.project(0, u)
     }
 
     fn strengthen(&mut self, u: &[Vector3<f64>]) -> bool {
-        if !self.project(u) {
-            self.multigrid.strengthen(0);
-        }
+        self.multigrid.strengthen(0, u);
         true
     }
 }

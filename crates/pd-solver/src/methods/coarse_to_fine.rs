@@ -1,7 +1,7 @@
 //! The start for the finest grid: the equilibrium of coarser bodies, one after another.
 
 use super::{Preconditioner, Target, Workspace, lbfgs};
-use crate::multigrid::{Curvature, Hierarchy, Multigrid};
+use crate::multigrid::{Hierarchy, Multigrid};
 use crate::problem::Problem;
 use crate::spec::Parameters;
 use crate::vector::{NodalVector, norm};
@@ -28,7 +28,6 @@ pub(crate) struct CoarseBody {
 struct AtLevel<'a> {
     multigrid: &'a mut Multigrid,
     level: usize,
-    curvature: Curvature,
 }
 
 impl Preconditioner for AtLevel<'_> {
@@ -50,24 +49,15 @@ impl Preconditioner for AtLevel<'_> {
     }
 
     fn rebuild(&mut self, u: &[Vector3<f64>]) {
-        if !self.multigrid.build(self.level, u, self.curvature) {
-            self.project(u);
-        }
+        self.multigrid.rebuild(self.level, u);
     }
 
     fn project(&mut self, u: &[Vector3<f64>]) -> bool {
-        let was_true = self.curvature == Curvature::True;
-        if was_true {
-            self.curvature = Curvature::Projected;
-            self.rebuild(u);
-        }
-        was_true
+        self.multigrid.project(self.level, u)
     }
 
     fn strengthen(&mut self, u: &[Vector3<f64>]) -> bool {
-        if !self.project(u) {
-            self.multigrid.strengthen(self.level);
-        }
+        self.multigrid.strengthen(self.level, u);
         true
     }
 }
@@ -117,11 +107,8 @@ impl CoarseBody {
             accuracy: None,
             gradient: (TOLERANCE * norm(&self.space.gradient)).max(self.problem.gradient_floor()),
         };
-        let mut pre = AtLevel {
-            multigrid,
-            level,
-            curvature: Curvature::True,
-        };
+        multigrid.trust(level);
+        let mut pre = AtLevel { multigrid, level };
         lbfgs(
             &mut self.problem,
             &mut pre,

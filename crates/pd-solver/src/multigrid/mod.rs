@@ -5,6 +5,7 @@
 //! precision. The cores are those of the true Hessian or of the exactly projected one ([`Curvature`]): with the projected one a cycle is a
 //! symmetric positive definite operator everywhere, with the true one it is at a minimum, and nearer to the inverse there.
 
+mod coarse;
 mod cores;
 mod correction;
 mod dense;
@@ -21,13 +22,11 @@ mod tests;
 mod transfer;
 
 use crate::vector::{NodalVector, max_norm};
-pub(crate) use cores::Curvature;
-use cores::{Cores, GROUP, Symmetric};
+use coarse::{Coarse, set_up};
+use cores::{Cores, Curvature, GROUP, Symmetric};
 use correction::Correction;
 use dense::Dense;
-use element_matrix::{
-    CoreSum, CoreTables, ElementMatrix, ZERO, add_form, add_galerkin, parent_weights,
-};
+use element_matrix::CoreTables;
 pub(crate) use fine::ElementForm;
 use fine::{CORE, FineOperator};
 pub(crate) use grid::{DisjointSets, Grid};
@@ -44,35 +43,6 @@ pub(crate) use transfer::Transfer;
 const CHUNK: usize = 64;
 /// What a largest eigenvalue is raised by where the smoother built on its estimate was not positive definite.
 const CAREFUL: f32 = 1.4;
-/// Matrices per task.
-const TASK: usize = 16;
-
-/// How an element of a finer grid enters its parent's matrix.
-#[derive(Clone, Copy)]
-struct Child {
-    element: u32,
-    /// For elements of the finest grid: the table that turns their core into a matrix.
-    table: u32,
-    interval: [[f32; 2]; 3],
-    held: u8,
-    /// Share of the parent's volume.
-    share: f64,
-}
-
-/// What is needed to set the matrices of a coarse level's elements.
-struct Coarse {
-    /// First child of each element, and the end.
-    offsets: Vec<u32>,
-    children: Vec<Child>,
-    /// Forms of the finest level as this one sees them; only on the level next to it, coarser ones get them from there.
-    inherited: Vec<ElementForm>,
-    /// Forms of this level's own problem.
-    own: Vec<ElementForm>,
-    /// Table of each element for this level's own problem, and its weight.
-    tables: Vec<u32>,
-    matrices: Vec<ElementMatrix>,
-}
-
 /// The preconditioner: built at a state on any level, applied from that level down.
 pub(crate) struct Multigrid {
     hierarchy: Hierarchy,
@@ -87,6 +57,8 @@ pub(crate) struct Multigrid {
     /// Mean A of every element, per level.
     actuation: Vec<Vec<Symmetric>>,
     cores: Vec<[f32; CORE]>,
+    /// Which Hessian the cycle from each level down is built on.
+    curvature: Vec<Curvature>,
     /// Stiffness of a linear mode of an element on the finest level: the unit of all operators.
     unit: f64,
     /// Times that operators were built, and cycles, on any level.
@@ -153,6 +125,7 @@ impl Multigrid {
             .map(|n| grids[0].position(n))
             .collect();
         let mut multigrid = Self {
+            curvature: vec![Curvature::True; levels.len()],
             dense: Dense::new(&levels[last].layout, &levels[last].held),
             cores: vec![[0.0; CORE]; grids[0].elements.len()],
             actuation: inverse_sizes
@@ -220,7 +193,7 @@ impl Multigrid {
 
     /// Builds the operators of a level and all coarser ones at the positions `u` of the level's nodes. False where the coarsest of them
     /// is not positive definite: then the cycle is not either.
-    pub(crate) fn build(&mut self, level: usize, u: &[Vector3<f64>], curvature: Curvature) -> bool {
+    fn build(&mut self, level: usize, u: &[Vector3<f64>], curvature: Curvature) -> bool {
         self.builds += 1;
         let mut definite = true;
         let elements = &self.hierarchy.grids[level].elements;
@@ -271,12 +244,36 @@ impl Multigrid {
         definite
     }
 
-    /// Makes the smoothers more careful on `level` and all coarser ones: for operators whose spectrum turned out to reach farther
-    /// than estimated.
-    pub(crate) fn strengthen(&mut self, level: usize) {
-        self.levels[level..]
-            .iter_mut()
-            .for_each(|l| l.strengthen(CAREFUL));
+    /// Builds the cycle from `level` down at `u`: on the true Hessian, if that is definite and was not given up.
+    pub(crate) fn rebuild(&mut self, level: usize, u: &[Vector3<f64>]) {
+        if !self.build(level, u, self.curvature[level]) {
+            self.project(level, u);
+        }
+    }
+
+    /// Gives the true Hessian up on this level and builds on the projected one; false where that was done before.
+    pub(crate) fn project(&mut self, level: usize, u: &[Vector3<f64>]) -> bool {
+        let was_true = self.curvature[level] == Curvature::True;
+        if was_true {
+            self.curvature[level] = Curvature::Projected;
+            self.build(level, u, Curvature::Projected);
+        }
+        was_true
+    }
+
+    /// Tries the true Hessian again on this level from the next building on.
+    pub(crate) fn trust(&mut self, level: usize) {
+        self.curvature[level] = Curvature::True;
+    }
+
+    /// Makes a cycle safer that turned out not to be positive definite at `u`: projects it, or else makes the smoothers more careful on
+    /// `level` and all coarser ones, whose spectrum reaches farther than estimated.
+    pub(crate) fn strengthen(&mut self, level: usize, u: &[Vector3<f64>]) {
+        if !self.project(level, u) {
+            self.levels[level..]
+                .iter_mut()
+                .for_each(|l| l.strengthen(CAREFUL));
+        }
     }
 
     /// `z = M^-1 r` by one V-cycle from `level`; zero at held nodes.
@@ -317,186 +314,5 @@ impl Multigrid {
             self.corrections[l].interpolate(&coarse.x, &fine.layout, &mut fine.x);
         }
         self.levels[l].smooth(false);
-    }
-}
-
-/// Collects what level `l` needs to know of its elements, their children, and the forms on them.
-fn set_up(
-    hierarchy: &Hierarchy,
-    l: usize,
-    own: &[ElementForm],
-    inherited: &[ElementForm],
-    unit: f64,
-    tables: &mut CoreTables,
-    scale: impl Fn(f64) -> f64,
-) -> Coarse {
-    let (fine, grid) = (&hierarchy.grids[l - 1], &hierarchy.grids[l]);
-    let parents = &hierarchy.parents[l - 1];
-    let mut order: Vec<u32> = (0..parents.len() as u32).collect();
-    order.sort_by_key(|&e| parents[e as usize]);
-    let mut offsets = vec![0; grid.elements.len() + 1];
-    parents.iter().for_each(|&p| offsets[p as usize + 1] += 1);
-    for i in 0..grid.elements.len() {
-        offsets[i + 1] += offsets[i];
-    }
-    let children = order.iter().map(|&element| {
-        let (interval, held) = hierarchy.place_in_parent(l - 1, element as usize);
-        let table = if l == 1 {
-            let size = fine.size(element as usize);
-            tables.number(&size, &interval, held, scale(size.product()))
-        } else {
-            0
-        };
-        Child {
-            element,
-            table,
-            interval: interval.map(|ends| ends.map(|x| x as f32)),
-            held,
-            share: fine.volume(element as usize) / grid.volume(parents[element as usize] as usize),
-        }
-    });
-    let children = children.collect();
-    let whole = [[0.0, 1.0]; 3];
-    let of_element = |e: usize| {
-        let size = grid.size(e);
-        tables.number(&size, &whole, 0, scale(size.product()))
-    };
-    let to_parent = |(element, weights, stiffness): &ElementForm| {
-        let (interval, held) = hierarchy.place_in_parent(l - 1, *element as usize);
-        let parent = parents[*element as usize];
-        (
-            parent,
-            parent_weights(weights, &interval, held),
-            stiffness / unit,
-        )
-    };
-    Coarse {
-        tables: (0..grid.elements.len()).map(of_element).collect(),
-        matrices: vec![ZERO; grid.elements.len()],
-        inherited: inherited.iter().map(to_parent).collect(),
-        own: own.iter().map(|&(e, w, k)| (e, w, k / unit)).collect(),
-        offsets,
-        children,
-    }
-}
-
-impl Coarse {
-    fn children(&self, element: usize) -> &[Child] {
-        &self.children[self.offsets[element] as usize..self.offsets[element + 1] as usize]
-    }
-
-    /// Sets every element's matrix.
-    fn fill(&mut self, fill: impl Fill) {
-        let mut matrices = std::mem::take(&mut self.matrices);
-        let (this, arch) = (&*self, pulp::Arch::new());
-        matrices
-            .par_chunks_mut(TASK)
-            .enumerate()
-            .for_each(|(task, part)| {
-                arch.dispatch(FillTask {
-                    fill: &fill,
-                    coarse: this,
-                    first: task * TASK,
-                    part,
-                });
-            });
-        self.matrices = matrices;
-    }
-
-    /// From the cores of the finest level.
-    fn set_from_cores(&mut self, cores: &[[f32; CORE]], tables: &CoreTables) {
-        self.fill(FromCores { cores, tables });
-        for (element, weights, stiffness) in &self.inherited {
-            add_form(weights, *stiffness, &mut self.matrices[*element as usize]);
-        }
-    }
-
-    /// From the matrices of the next finer level.
-    fn set_from_matrices(&mut self, fine: &[ElementMatrix]) {
-        self.fill(FromMatrices(fine));
-    }
-
-    /// From the cores of this level itself.
-    fn set_own(&mut self, grid: &Grid, cores: &[[f32; CORE]], tables: &CoreTables) {
-        self.fill(FromOwnCores {
-            cores,
-            tables,
-            grid,
-        });
-        for (element, weights, stiffness) in &self.own {
-            add_form(weights, *stiffness, &mut self.matrices[*element as usize]);
-        }
-    }
-}
-
-/// Where the matrix of a coarse element comes from.
-trait Fill: Sync {
-    /// Sets the matrix of an element; `sum` is memory to work in.
-    fn set(&self, coarse: &Coarse, element: usize, sum: &mut CoreSum, out: &mut ElementMatrix);
-}
-
-struct FromCores<'a> {
-    cores: &'a [[f32; CORE]],
-    tables: &'a CoreTables,
-}
-
-impl Fill for FromCores<'_> {
-    #[inline(always)]
-    fn set(&self, coarse: &Coarse, element: usize, sum: &mut CoreSum, out: &mut ElementMatrix) {
-        sum.clear();
-        for child in coarse.children(element) {
-            let table = &self.tables.tables[child.table as usize];
-            sum.add(table, &self.cores[child.element as usize], 1.0);
-        }
-        sum.write(out);
-    }
-}
-
-struct FromMatrices<'a>(&'a [ElementMatrix]);
-
-impl Fill for FromMatrices<'_> {
-    #[inline(always)]
-    fn set(&self, coarse: &Coarse, element: usize, _: &mut CoreSum, out: &mut ElementMatrix) {
-        *out = ZERO;
-        for child in coarse.children(element) {
-            let matrix = &self.0[child.element as usize];
-            add_galerkin(matrix, &child.interval, child.held, out);
-        }
-    }
-}
-
-struct FromOwnCores<'a> {
-    cores: &'a [[f32; CORE]],
-    tables: &'a CoreTables,
-    grid: &'a Grid,
-}
-
-impl Fill for FromOwnCores<'_> {
-    #[inline(always)]
-    fn set(&self, coarse: &Coarse, element: usize, sum: &mut CoreSum, out: &mut ElementMatrix) {
-        sum.clear();
-        let table = &self.tables.tables[coarse.tables[element] as usize];
-        sum.add(table, &self.cores[element], self.grid.fill[element] as f32);
-        sum.write(out);
-    }
-}
-
-/// The matrices of one task.
-struct FillTask<'a, F> {
-    fill: &'a F,
-    coarse: &'a Coarse,
-    first: usize,
-    part: &'a mut [ElementMatrix],
-}
-
-impl<F: Fill> pulp::WithSimd for FillTask<'_, F> {
-    type Output = ();
-
-    #[inline(always)]
-    fn with_simd<S: pulp::Simd>(self, _simd: S) {
-        let mut sum = CoreSum::new();
-        for (i, matrix) in self.part.iter_mut().enumerate() {
-            self.fill.set(self.coarse, self.first + i, &mut sum, matrix);
-        }
     }
 }
