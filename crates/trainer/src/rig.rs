@@ -264,7 +264,8 @@ impl MotionEntry {
             .map_err(|_| "has a translation that is not three numbers".to_string())?;
         let r = Matrix3::from_row_slice(&self.rotation_rowmajor);
         let off = (r * r.transpose() - Matrix3::identity()).norm();
-        if !(off < ROTATION_SLACK && r.determinant() > 0.0) || !t.iter().all(|x| x.is_finite()) {
+        let finite = t.iter().all(|x| x.is_finite());
+        if !(off < ROTATION_SLACK && r.determinant() > 0.0 && finite) {
             return Err(format!(
                 "is no rigid motion: R R^T is {off:.1e} off the identity"
             ));

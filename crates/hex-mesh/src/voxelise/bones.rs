@@ -54,13 +54,13 @@ fn is_outermost(cell: usize, candidates: &Candidates, grid: &CellGrid) -> bool {
     let around = |offset: usize| -> Option<usize> {
         let mut index = 0;
         let mut left = offset;
-        for a in 0..3 {
-            let place = (position[a] + left % 3).checked_sub(1)?;
+        for (place, count) in position.into_iter().zip(grid.counts) {
+            let place = (place + left % 3).checked_sub(1)?;
             left /= 3;
-            if place >= grid.counts[a] {
+            if place >= count {
                 return None;
             }
-            index = index * grid.counts[a] + place;
+            index = index * count + place;
         }
         Some(index)
     };

@@ -1,5 +1,6 @@
 //! The parts of the cycle against plain sums, on bodies of many shapes.
 
+use super::element_matrix::{CoreSum, ZERO, add_galerkin};
 use super::*;
 use crate::vector::{dot, norm};
 use hex_mesh::{HexMesh, Quadrature, QuadratureRule};
