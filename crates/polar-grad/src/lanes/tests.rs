@@ -240,6 +240,8 @@ fn projections_clamp_the_eigenvalues() {
         expected.sort_by(f64::total_cmp);
         let mut answers = Vec::new();
         on_all_sets(&[case], |_, answer| answers.push(*answer));
+        // Cases are counted, not answers: a machine without AVX-512 gives one answer less for each.
+        checked += usize::from(regularity > SINGULAR);
         for answer in answers {
             let dense = core(&answer.rotation, &answer.projected, &case.a);
             assert!(dense.iter().all(|x| x.is_finite()), "{} {}", case.m, case.a);
@@ -262,13 +264,12 @@ fn projections_clamp_the_eigenvalues() {
                     case.m,
                     case.a
                 );
-                checked += 1;
                 worst = worst.max(if regularity > 1e-3 { error } else { 0.0 });
             }
         }
     }
     println!("largest error of an eigenvalue, K + T regular: {worst:e} of {checked}");
-    assert!(checked > 10_000);
+    assert!(checked > 4_000);
 }
 
 /// Every pattern of eigenvalues of X = (K - T) / (K + T): distinct, double, triple, near zero and of both signs.
