@@ -20,8 +20,24 @@ use rand::Rng;
 /// What an error of the joint counts beside one of the actuation: with 1, the jaw lags behind the flesh.
 const JOINT_WEIGHT: f64 = 10.0;
 
+/// `weight` times the squared error of the joint's answer and its derivative; nothing where no answer is known.
+pub fn joint_misfit(
+    answer: &[f32; JOINT_SIZE],
+    wanted: JointAnswer,
+    weight: f64,
+) -> (f64, [f32; JOINT_SIZE]) {
+    let mut value = 0.0;
+    let mut bar = [0.0; JOINT_SIZE];
+    for (k, wanted) in wanted.iter().flatten().enumerate() {
+        let off = f64::from(answer[k] - wanted);
+        value += JOINT_WEIGHT * weight * off * off;
+        bar[k] = (2.0 * JOINT_WEIGHT * weight * off) as f32;
+    }
+    (value, bar)
+}
+
 /// The network's answer for the joint, where something hangs on it.
-type JointAnswer = Option<[f32; JOINT_SIZE]>;
+pub type JointAnswer = Option<[f32; JOINT_SIZE]>;
 
 /// A shape pulled into place, and the actuation that holds it there.
 pub struct Pulled {
@@ -239,13 +255,8 @@ impl Regression<'_> {
         let mut loss = 0.0;
         let cotangent = |output: &actuation_net::Output| {
             let (value, actuation) = misfit(&output.actuation, target, scale);
-            loss = value;
-            let mut joint_bar = [0.0; JOINT_SIZE];
-            for (k, wanted) in joint.iter().flatten().enumerate() {
-                let off = f64::from(output.joint[k] - wanted);
-                loss += JOINT_WEIGHT * weight * off * off;
-                joint_bar[k] = (2.0 * JOINT_WEIGHT * weight * off) as f32;
-            }
+            let (joint_value, joint_bar) = joint_misfit(&output.joint, joint, weight);
+            loss = value + joint_value;
             OutputCotangent {
                 actuation,
                 joint: joint_bar,

@@ -6,7 +6,7 @@ use crate::error::Result;
 use crate::hanging::Hanging;
 use crate::loss::{Loss, distances};
 use crate::scene::{Scene, Stage2};
-use crate::stage1::Regression;
+use crate::stage1::{Regression, joint_misfit};
 use actuation_net::{ActuationNet, Adam, AdamState, JOINT_SIZE};
 use nalgebra::Vector3;
 use pd_solver::{
@@ -125,10 +125,15 @@ impl ThroughSimulator<'_> {
             .flatten()
             .map(|&x| x as f32)
             .collect();
-        let joint_bar = match (&self.hanging, theta) {
-            (Some(hanging), Some(theta)) => hanging.vjp(theta, &gradient.prescribed),
-            _ => [0.0; JOINT_SIZE],
-        };
+        let mut joint_bar = [0.0; JOINT_SIZE];
+        if let (Some(hanging), Some(theta)) = (&self.hanging, theta) {
+            let through_body = hanging.vjp(theta, &gradient.prescribed);
+            // The surface alone would let the jaw make up for what the flesh does not do yet.
+            let wanted = self.shapes[shape].joint.map(|theta| hanging.answer(&theta));
+            let (_, known) = joint_misfit(&traced.output().joint, wanted, 1.0);
+            let sums = joint_bar.iter_mut().zip(through_body.iter().zip(known));
+            sums.for_each(|(bar, (a, b))| *bar = a + b);
+        }
         let mut gradient = traced.backward(&actuation_bar, &joint_bar);
         if let Some(blends) = &self.blends {
             let mut generator = draw::generator(self.scene.seed, 5, step);
