@@ -86,12 +86,7 @@ pub fn load_shapes(scene: &Scene, data: &Path) -> Result<MorphedSurface> {
                 let before = targets.len();
                 targets.retain(|target| target.name != *name);
                 if targets.len() == before {
-                    let known = targets.iter().map(|t| t.name.as_str());
-                    return Err(TrainerError::UnknownShape {
-                        place: "`shapes.leave_out`".into(),
-                        name: name.clone(),
-                        known: known.collect::<Vec<_>>().join(", "),
-                    });
+                    return Err(unknown_shape("`shapes.leave_out`", name, &targets));
                 }
             }
             if targets.is_empty() {
@@ -363,7 +358,7 @@ impl Shapes {
         let named = |place: &str, name: &String| {
             inputs
                 .target_index(name)
-                .ok_or_else(|| unknown_shape(place, name, inputs))
+                .ok_or_else(|| unknown_shape(place, name, &inputs.targets))
         };
         let mut held_out = vec![false; inputs.targets.len()];
         for name in &scene.shapes.held_out {
@@ -393,7 +388,7 @@ impl Shapes {
                     ShapeSet::Train
                 },
                 positions: inputs.shape(i),
-                joint: jaw.map(|jaw| jaw.parameters(&target.name)),
+                joint: jaw.and_then(|jaw| jaw.parameters(&target.name)),
             })
             .collect();
         Ok(Self {
@@ -447,27 +442,28 @@ impl Shapes {
         let mut all = vec![0.0; inputs.targets.len()];
         for (name, weight) in weights {
             let index = inputs.target_index(name);
-            all[index.ok_or_else(|| unknown_shape("`--weights`", name, inputs))?] += weight;
+            all[index.ok_or_else(|| unknown_shape("`--weights`", name, &inputs.targets))?] +=
+                weight;
         }
         let label = weights.iter().map(|(name, w)| format!("{w} {name}"));
         Ok(Shape {
             name: label.collect::<Vec<_>>().join(" + "),
             set: ShapeSet::Blend,
             positions: inputs.blend(&all),
-            joint: self.jaw.as_ref().map(|jaw| {
+            joint: self.jaw.as_ref().and_then(|jaw| {
                 let mut sum = Joint::REST;
                 for (name, weight) in weights {
-                    let own = jaw.parameters(name);
+                    let own = jaw.parameters(name)?;
                     sum.iter_mut().zip(own).for_each(|(s, x)| *s += weight * x);
                 }
-                sum
+                Some(sum)
             }),
         })
     }
 }
 
-fn unknown_shape(place: &str, name: &str, inputs: &MorphedSurface) -> TrainerError {
-    let known = inputs.targets.iter().map(|t| t.name.as_str());
+fn unknown_shape(place: &str, name: &str, targets: &[MorphTarget]) -> TrainerError {
+    let known = targets.iter().map(|t| t.name.as_str());
     TrainerError::UnknownShape {
         place: place.to_string(),
         name: name.to_string(),

@@ -120,11 +120,8 @@ impl<'a> Evaluator<'a> {
         let output = net.evaluate(&descriptor, &self.body.points)?;
         let mut parameters = self.solver.rest_parameters();
         set_actuation(&mut parameters, &output.actuation);
-        let theta = self.hanging.as_ref().map(|hanging| {
-            let theta = hanging.parameters(&output.joint);
-            hanging.place(theta, &mut parameters);
-            theta
-        });
+        let hanging = self.hanging.as_ref();
+        let theta = hanging.map(|hanging| hanging.drive(&output.joint, &mut parameters));
         let accuracy = self.scene.evaluation.accuracy * self.body.diagonal;
         let options =
             SolveOptions::new(Stop::Accuracy(accuracy)).with_method(self.scene.evaluation.method);
@@ -133,7 +130,7 @@ impl<'a> Evaluator<'a> {
         let seconds = clock.elapsed().as_secs_f64();
         let (mean_error, max_error, all) = distances(&surface, &shape.positions);
         let (weighted_error, error_p99) = weighted(&all, &self.body.vertex_weights);
-        let jaw = self.hanging.as_ref().zip(theta).zip(shape.joint);
+        let jaw = hanging.zip(theta).zip(shape.joint);
         let percent = 100.0 / self.body.diagonal;
         Ok(ShapeResult {
             name: shape.name.clone(),

@@ -56,6 +56,17 @@ impl Hanging {
         if k < 2 { 1.0 } else { self.unit }
     }
 
+    /// Moves the hanging nodes as the network answers; returns the joint's parameters.
+    pub fn drive(
+        &self,
+        answer: &[f32; JOINT_SIZE],
+        parameters: &mut Parameters,
+    ) -> JointParameters {
+        let theta = self.parameters(answer);
+        self.place(theta, parameters);
+        theta
+    }
+
     /// Moves the hanging nodes.
     pub fn place(&self, theta: JointParameters, parameters: &mut Parameters) {
         let moved = self.joint.positions(theta, &self.rest);

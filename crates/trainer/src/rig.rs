@@ -89,9 +89,11 @@ impl Jaw {
         Joint::new(Vector3::from(self.pivot))
     }
 
-    /// What the joint does in a shape; nothing where no motion is known for it.
-    pub fn parameters(&self, shape: &str) -> JointParameters {
-        self.shapes.get(shape).copied().unwrap_or(Joint::REST)
+    /// What the joint does in a shape: it rests where the motions do not name the shape. `None` without any motions, where the jaw has
+    /// but a pivot.
+    pub fn parameters(&self, shape: &str) -> Option<JointParameters> {
+        let own = || self.shapes.get(shape).copied().unwrap_or(Joint::REST);
+        (!self.shapes.is_empty()).then(own)
     }
 }
 
@@ -345,10 +347,10 @@ mod tests {
         let [x, y, z] = jaw.pivot;
         assert!((y - 1.0).abs() < 1e-9, "{x} {y} {z}");
         assert!((z - 2.0).abs() < 1e-9 && jaw.residual_angle < 1e-9);
-        let theta = jaw.parameters("long");
+        let theta = jaw.parameters("long").unwrap();
         assert!((theta[0] - 0.8_f64.acos()).abs() < 1e-9);
         assert!(theta[1..].iter().all(|t| t.abs() < 1e-9));
-        assert_eq!(jaw.parameters("both"), Joint::REST);
+        assert_eq!(jaw.parameters("both"), Some(Joint::REST));
         let folder = tempfile::tempdir().unwrap();
         rig.write(folder.path()).unwrap();
         let again = Rig::read(folder.path()).unwrap();
@@ -404,6 +406,9 @@ mod tests {
         let bone = "[[bone]]\nname = \"mandible\"\nfile = \"bone.obj\"\nmoves = true\n";
         let message = Rig::load(&fixture::scene(bone), folder.path()).unwrap_err();
         assert!(message.to_string().contains("`jaw.motions`"), "{message}");
+        let pivot = fixture::scene(&format!("{bone}[jaw]\npivot = [0, 0, 0]\n"));
+        let jaw = Rig::load(&pivot, folder.path()).unwrap().jaw.unwrap();
+        assert_eq!(jaw.parameters("long"), None);
         let still = bone.replace("true", "false");
         let rig = Rig::load(&fixture::scene(&still), folder.path()).unwrap();
         assert!(rig.jaw.is_none() && rig.bones.len() == 1);

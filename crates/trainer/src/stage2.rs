@@ -86,11 +86,8 @@ impl ThroughSimulator<'_> {
         };
         let mut parameters = self.solver.rest_parameters();
         set_actuation(&mut parameters, &traced.output().actuation);
-        let theta = self.hanging.as_ref().map(|hanging| {
-            let theta = hanging.parameters(&traced.output().joint);
-            hanging.place(theta, &mut parameters);
-            theta
-        });
+        let hanging = self.hanging.as_ref();
+        let theta = hanging.map(|hanging| hanging.drive(&traced.output().joint, &mut parameters));
         let options = SolveOptions::new(Stop::Accuracy(settings.accuracy * self.body.diagonal));
         let solution = self
             .solver
@@ -126,7 +123,7 @@ impl ThroughSimulator<'_> {
             .map(|&x| x as f32)
             .collect();
         let mut joint_bar = [0.0; JOINT_SIZE];
-        if let (Some(hanging), Some(theta)) = (&self.hanging, theta) {
+        if let Some((hanging, theta)) = hanging.zip(theta) {
             let through_body = hanging.vjp(theta, &gradient.prescribed);
             // The surface alone would let the jaw make up for what the flesh does not do yet.
             let wanted = self.shapes[shape].joint.map(|theta| hanging.answer(&theta));
