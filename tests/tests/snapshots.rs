@@ -12,8 +12,9 @@ use pd_solver::{
 };
 use std::fmt::Write;
 use std::path::Path;
-use trainer::body::{Body, load_shapes};
+use trainer::body::Body;
 use trainer::scene::Scene;
+use trainer::shapes::load_shapes;
 
 /// A block of 2 x 1 x 1.
 fn block(quadrature: Quadrature) -> HexMesh {
@@ -330,7 +331,9 @@ arms = [{ lift = 25 }, { lift = 25 }, { lift = 25 }, { lift = 25 }, { lift = 25 
 #[test]
 fn shapes_of_the_starfish() {
     let scene = Scene::parse(STARFISH, Path::new("starfish.toml")).expect("a valid scene");
-    let inputs = load_shapes(&scene, Path::new("")).expect("a generated surface");
+    let inputs = load_shapes(&scene, Path::new(""))
+        .expect("a generated surface")
+        .shapes;
     let size = scene.mesh.element_size;
     let body = Body::new("starfish", inputs.surface.clone(), size, 8).expect("closed");
     let mut pulled_effects = scene.effects.clone();

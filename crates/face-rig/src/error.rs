@@ -27,6 +27,14 @@ pub enum RigError {
     /// A blend basis got no shapes.
     #[error("the basis is empty: give at least one shape")]
     EmptyBasis,
+    /// A basis of no shapes, or of more than there are.
+    #[error("a basis of {count} cannot be chosen from {shapes} shapes: ask for 1 to {shapes}")]
+    BasisCount {
+        /// How many were asked for.
+        count: usize,
+        /// How many there are.
+        shapes: usize,
+    },
     /// The shapes of a basis have no vertices.
     #[error("the shapes of the basis have no vertices: give one displacement for each vertex")]
     NoVertices,

@@ -31,12 +31,14 @@ struct Readme;
 
 mod active_set;
 mod blend;
+mod choice;
 mod error;
 mod joint;
 mod joint_fit;
 
 pub use active_set::Activity;
 pub use blend::{BlendBasis, BlendFit, Bounds, RIDGE};
+pub use choice::BasisChoice;
 pub use error::RigError;
 pub use joint::{Joint, JointParameters};
 pub use joint_fit::{JointFit, MotionFit, PivotFit};

@@ -6,9 +6,10 @@ use criterion::{BatchSize, Criterion, criterion_group, criterion_main};
 use pd_solver::Solver;
 use std::path::Path;
 use std::time::Duration;
-use trainer::body::{Body, Shapes, load_shapes};
+use trainer::body::Body;
 use trainer::evaluate::Evaluator;
 use trainer::scene::Scene;
+use trainer::shapes::{Shapes, load_shapes};
 use trainer::stage1::{self, Regression};
 use trainer::stage2::{Outcome, ThroughSimulator};
 use trainer::train::network_config;
@@ -22,12 +23,14 @@ fn steps(c: &mut Criterion) {
     let (mut scene, _) = Scene::read(&folder.join("starfish.toml")).expect("a valid scene");
     scene.mesh.element_size = 0.06;
     scene.stage1.epochs = EPOCHS;
-    let inputs = load_shapes(&scene, folder).expect("a valid starfish");
+    let inputs = load_shapes(&scene, folder)
+        .expect("a valid starfish")
+        .shapes;
     let surface = inputs.surface.clone();
     let body = Body::new("starfish", surface, 0.06, scene.mesh.samples).expect("it fits");
     let shapes = Shapes::new(&scene, &inputs, None, &body.vertex_weights).expect("valid shapes");
     let training = shapes.training();
-    let descriptor = |s: &&trainer::body::Shape| shapes.descriptor(&s.positions).expect("fits");
+    let descriptor = |s: &&trainer::shapes::Shape| shapes.descriptor(&s.positions).expect("fits");
     let descriptors: Vec<Vec<f32>> = training.iter().map(descriptor).collect();
     let pulled = stage1::pull(&body, &scene, &training, || Ok(())).expect("valid effects");
 

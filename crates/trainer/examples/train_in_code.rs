@@ -71,7 +71,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     check(&scene, named, &inputs, &Rig::default())?;
 
     let folder = tempfile::tempdir()?;
-    let run = Run::create(folder.path(), SCENE, &inputs, &Rig::default())?;
+    let run = Run::create(folder.path(), SCENE, &inputs, &Rig::default(), None)?;
     let trained = train(&run)?;
     println!(
         "{}",

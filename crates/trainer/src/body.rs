@@ -1,131 +1,14 @@
-//! A body ready to be simulated: surface, voxels, embedding, and the shapes it is to learn.
+//! A body ready to be simulated: surface, voxels, bones and embedding.
 
 use crate::error::{Result, TrainerError};
-use crate::frames::{frame_shapes, read_frames};
-use crate::rig::{Jaw, Rig};
-use crate::scene::{LossPart, Scene, SurfaceSource};
-use face_rig::{BlendBasis, Bounds, Joint, JointParameters};
+use crate::rig::Rig;
+use crate::scene::{Scene, SurfaceSource};
+use crate::weights::vertex_weights;
+use face_rig::Joint;
 use hex_mesh::{Embedding, HexMesh, Quadrature, VoxelOptions, VoxelReport, voxelise_with_bones};
 use nalgebra::Vector3;
 use pd_solver::{EffectSpec, NodeSet, Solver, deformation_gradients};
-use std::path::Path;
-use surface_mesh::{MorphTarget, MorphedSurface, Surface, read_surface};
-
-/// What a shape is for.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum ShapeSet {
-    /// Trained on.
-    Train,
-    /// Kept from training, to see how the network generalises.
-    HeldOut,
-    /// A blend of shapes by weights.
-    Blend,
-}
-
-impl ShapeSet {
-    /// As tables write it.
-    pub fn label(self) -> &'static str {
-        match self {
-            Self::Train => "train",
-            Self::HeldOut => "held out",
-            Self::Blend => "blend",
-        }
-    }
-}
-
-/// A target shape over the vertices of the neutral surface.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Shape {
-    /// Its name.
-    pub name: String,
-    /// What it is for.
-    pub set: ShapeSet,
-    /// Vertex positions.
-    pub positions: Vec<Vector3<f64>>,
-    /// What the jaw does, where that is known.
-    pub joint: Option<JointParameters>,
-}
-
-/// The neutral surface and all target shapes of a scene, read or generated.
-///
-/// # Errors
-/// When a file cannot be read, has no targets, or does not match the surface.
-pub fn load_shapes(scene: &Scene, data: &Path) -> Result<MorphedSurface> {
-    match &scene.surface {
-        SurfaceSource::Starfish(shape) => {
-            let surface = scene_shapes::starfish(shape)?;
-            let mut targets = Vec::new();
-            for pose in &scene.poses {
-                pose.pose().check(shape)?;
-                let moved = scene_shapes::pose(shape, &pose.pose(), surface.vertices());
-                let deltas = difference(&moved, surface.vertices());
-                let name = pose.name.clone();
-                targets.push(MorphTarget { name, deltas });
-            }
-            Ok(MorphedSurface::new(surface, targets)?)
-        }
-        SurfaceSource::File(file) => {
-            let neutral = read_surface(data.join(file))?;
-            let path = data.join(scene.shapes.file.as_ref().unwrap_or(file));
-            let mut targets = match &scene.shapes.file {
-                Some(_) => read_matching(&path, &neutral.surface)?,
-                None => neutral.targets,
-            };
-            if let Some(frames) = &scene.shapes.frames {
-                let units = MorphedSurface::new(neutral.surface.clone(), targets.clone())?;
-                let frames = read_frames(&data.join(frames), &units)?;
-                for shape in frame_shapes(&frames, &units, ShapeSet::Train) {
-                    targets.push(MorphTarget {
-                        deltas: difference(&shape.positions, units.surface.vertices()),
-                        name: shape.name,
-                    });
-                }
-            }
-            for name in &scene.shapes.leave_out {
-                let before = targets.len();
-                targets.retain(|target| target.name != *name);
-                if targets.len() == before {
-                    return Err(unknown_shape("`shapes.leave_out`", name, &targets));
-                }
-            }
-            if targets.is_empty() {
-                return Err(TrainerError::NoTargets { path });
-            }
-            Ok(MorphedSurface::new(neutral.surface, targets)?)
-        }
-    }
-}
-
-/// Morph targets of a file, as displacements from the vertices of `surface`, which the file's own neutral must have as well.
-///
-/// # Errors
-/// When the file cannot be read, has another number of vertices or no morph target.
-pub fn read_matching(path: &Path, surface: &Surface) -> Result<Vec<MorphTarget>> {
-    let file = read_surface(path)?;
-    let (found, expected) = (file.surface.vertex_count(), surface.vertex_count());
-    if found != expected {
-        return Err(TrainerError::VertexCount {
-            path: path.to_path_buf(),
-            found,
-            expected,
-        });
-    }
-    if file.targets.is_empty() {
-        let path = path.to_path_buf();
-        return Err(TrainerError::NoTargets { path });
-    }
-    let targets = (0..file.targets.len()).map(|i| MorphTarget {
-        name: file.targets[i].name.clone(),
-        deltas: difference(&file.shape(i), surface.vertices()),
-    });
-    Ok(targets.collect())
-}
-
-/// `a - b`, vertex by vertex.
-pub fn difference(a: &[Vector3<f64>], b: &[Vector3<f64>]) -> Vec<Vector3<f64>> {
-    a.iter().zip(b).map(|(a, b)| a - b).collect()
-}
+use surface_mesh::Surface;
 
 /// A surface with its voxels.
 pub struct Body {
@@ -171,7 +54,7 @@ impl Body {
         };
         let samples = scene.mesh.samples;
         let mut body = Self::with_bones(&name, surface, rig, element_size, samples)?;
-        body.weigh(&scene.loss.weights)?;
+        body.vertex_weights = vertex_weights(&body.surface, scene)?;
         Ok(body)
     }
 
@@ -233,58 +116,6 @@ impl Body {
         })
     }
 
-    /// Multiplies the weights of parts of the surface, and makes them sum to 1 again.
-    fn weigh(&mut self, parts: &[LossPart]) -> Result<()> {
-        for (i, part) in parts.iter().enumerate() {
-            let wrong = |problem: String| TrainerError::LossPart {
-                number: i + 1,
-                problem,
-            };
-            if !(part.weight.is_finite() && part.weight >= 0.0) {
-                let problem = format!(
-                    "has the weight {}: give a finite number, zero or more",
-                    part.weight
-                );
-                return Err(wrong(problem));
-            }
-            let vertices = self.surface.vertices();
-            let chosen = match (part.region, part.vertices) {
-                (Some(region), None) => region
-                    .contains(vertices, self.mesh.element_size())
-                    .map_err(|error| wrong(error.to_string()))?,
-                (None, Some([first, last])) if first <= last && last < vertices.len() => (0
-                    ..vertices.len())
-                    .map(|v| (first..=last).contains(&v))
-                    .collect(),
-                (None, Some([first, last])) => {
-                    let count = vertices.len();
-                    return Err(wrong(format!(
-                        "names the vertices {first} to {last}, but the surface has 0 to {}",
-                        count - 1
-                    )));
-                }
-                _ => return Err(wrong("needs either `region` or `vertices`".into())),
-            };
-            if !chosen.contains(&true) {
-                return Err(wrong("selects no vertex".into()));
-            }
-            for (weight, chosen) in self.vertex_weights.iter_mut().zip(chosen) {
-                if chosen {
-                    *weight *= part.weight;
-                }
-            }
-        }
-        let total: f64 = self.vertex_weights.iter().sum();
-        if total == 0.0 {
-            return Err(TrainerError::LossPart {
-                number: parts.len(),
-                problem: "leaves no vertex any weight".into(),
-            });
-        }
-        self.vertex_weights.iter_mut().for_each(|w| *w /= total);
-        Ok(())
-    }
-
     /// The scene's effects, and the bones. Nodes that the scene prescribes itself stay with the scene.
     ///
     /// # Errors
@@ -331,142 +162,4 @@ fn normalised_points(surface: &Surface, points: &[Vector3<f64>]) -> Vec<f32> {
     normalised
         .flat_map(|p| [p.x as f32, p.y as f32, p.z as f32])
         .collect()
-}
-
-/// Shapes, their split, and the basis whose weights describe any shape to the network.
-pub struct Shapes {
-    /// All target shapes, in file order.
-    pub all: Vec<Shape>,
-    basis: BlendBasis,
-    /// Which of all shapes, all of them trained on.
-    basis_indices: Vec<usize>,
-    neutral: Vec<Vector3<f64>>,
-    jaw: Option<Jaw>,
-}
-
-impl Shapes {
-    /// Splits the targets of a scene and forms the basis.
-    ///
-    /// # Errors
-    /// When the scene names a shape that does not exist, or the basis cannot be formed.
-    pub fn new(
-        scene: &Scene,
-        inputs: &MorphedSurface,
-        jaw: Option<&Jaw>,
-        vertex_weights: &[f64],
-    ) -> Result<Self> {
-        let named = |place: &str, name: &String| {
-            inputs
-                .target_index(name)
-                .ok_or_else(|| unknown_shape(place, name, &inputs.targets))
-        };
-        let mut held_out = vec![false; inputs.targets.len()];
-        for name in &scene.shapes.held_out {
-            held_out[named("`shapes.held_out`", name)?] = true;
-        }
-        let basis_indices: Vec<usize> = match &scene.shapes.basis {
-            Some(names) => {
-                let indices = names.iter().map(|name| named("`shapes.basis`", name));
-                indices.collect::<Result<_>>()?
-            }
-            None => (0..held_out.len()).filter(|&i| !held_out[i]).collect(),
-        };
-        if let Some(&index) = basis_indices.iter().find(|&&i| held_out[i]) {
-            let name = inputs.targets[index].name.clone();
-            return Err(TrainerError::HeldOutBasis { name });
-        }
-        let deltas = basis_indices
-            .iter()
-            .map(|&i| inputs.targets[i].deltas.clone());
-        let basis = BlendBasis::weighted(deltas.collect(), vertex_weights)?;
-        let all = (inputs.targets.iter().zip(held_out).enumerate())
-            .map(|(i, (target, held_out))| Shape {
-                name: target.name.clone(),
-                set: if held_out {
-                    ShapeSet::HeldOut
-                } else {
-                    ShapeSet::Train
-                },
-                positions: inputs.shape(i),
-                joint: jaw.and_then(|jaw| jaw.parameters(&target.name)),
-            })
-            .collect();
-        Ok(Self {
-            all,
-            basis,
-            basis_indices,
-            neutral: inputs.surface.vertices().to_vec(),
-            jaw: jaw.cloned(),
-        })
-    }
-
-    /// The shapes to train on.
-    pub fn training(&self) -> Vec<&Shape> {
-        let training = self.all.iter().filter(|s| s.set == ShapeSet::Train);
-        training.collect()
-    }
-
-    /// Number of weights that describe a shape.
-    pub fn descriptor_size(&self) -> usize {
-        self.basis.shape_count()
-    }
-
-    /// The weights in [0, 1] over the basis that come nearest to a shape.
-    ///
-    /// # Errors
-    /// When the positions do not match the basis.
-    pub fn descriptor(&self, positions: &[Vector3<f64>]) -> Result<Vec<f32>> {
-        let bounds = Bounds::uniform(self.basis.shape_count(), 0.0, 1.0);
-        let fit = self
-            .basis
-            .fit(&difference(positions, &self.neutral), &bounds, 1e-6)?;
-        Ok(fit.weights.iter().map(|&w| w as f32).collect())
-    }
-
-    /// Which training shape each weight of a descriptor belongs to.
-    pub fn basis_in_training(&self) -> Vec<usize> {
-        let before = |i: usize| {
-            self.all[..i]
-                .iter()
-                .filter(|s| s.set == ShapeSet::Train)
-                .count()
-        };
-        self.basis_indices.iter().map(|&i| before(i)).collect()
-    }
-
-    /// Neutral plus the weighted displacements of named shapes.
-    ///
-    /// # Errors
-    /// When a name does not exist.
-    pub fn blend(&self, weights: &[(String, f64)], inputs: &MorphedSurface) -> Result<Shape> {
-        let mut all = vec![0.0; inputs.targets.len()];
-        for (name, weight) in weights {
-            let index = inputs.target_index(name);
-            all[index.ok_or_else(|| unknown_shape("`--weights`", name, &inputs.targets))?] +=
-                weight;
-        }
-        let label = weights.iter().map(|(name, w)| format!("{w} {name}"));
-        Ok(Shape {
-            name: label.collect::<Vec<_>>().join(" + "),
-            set: ShapeSet::Blend,
-            positions: inputs.blend(&all),
-            joint: self.jaw.as_ref().and_then(|jaw| {
-                let mut sum = Joint::REST;
-                for (name, weight) in weights {
-                    let own = jaw.parameters(name)?;
-                    sum.iter_mut().zip(own).for_each(|(s, x)| *s += weight * x);
-                }
-                Some(sum)
-            }),
-        })
-    }
-}
-
-fn unknown_shape(place: &str, name: &str, targets: &[MorphTarget]) -> TrainerError {
-    let known = targets.iter().map(|t| t.name.as_str());
-    TrainerError::UnknownShape {
-        place: place.to_string(),
-        name: name.to_string(),
-        known: known.collect::<Vec<_>>().join(", "),
-    }
 }

@@ -1,14 +1,15 @@
 //! Evaluation of a trained network: simulate shapes, measure them, draw them.
 
-use crate::body::{Body, Shape, ShapeSet, Shapes, difference, read_matching};
+use crate::body::Body;
 use crate::error::{Result, TrainerError};
 use crate::files::{create_folder, write_json};
-use crate::frames::{frame_shapes, is_frames_file, read_frames, read_units};
+use crate::frames::{frame_shapes, is_frames_file, is_json, read_frames, read_units};
 use crate::hanging::Hanging;
 use crate::loss::distances;
 use crate::progress::{Phase, stop_requested};
 use crate::run::Run;
 use crate::scene::Scene;
+use crate::shapes::{Shape, ShapeSet, Shapes, difference, read_matching};
 use crate::stage2::set_actuation;
 use crate::trained::Trained;
 use actuation_net::ActuationNet;
@@ -201,7 +202,15 @@ pub fn evaluate(run: &Run, request: &EvaluationRequest) -> Result<(Vec<ShapeResu
     } = Trained::load(run, request.element_size)?;
     let mut wanted: Vec<Shape> = shapes.all.clone();
     if let Some(path) = &request.shapes {
-        wanted.extend(held_out(path, request.units.as_deref(), &inputs)?);
+        let units = request.units.as_deref();
+        let mut held_out = held_out(path, units, &inputs)?;
+        if let Some(jaw) = shapes.jaw().filter(|_| is_json(path)) {
+            let motions = jaw.motions(path, &scene.unit)?;
+            for shape in &mut held_out {
+                shape.joint = motions.get(&shape.name).copied();
+            }
+        }
+        wanted.extend(held_out);
     }
     for weights in &request.blends {
         wanted.push(shapes.blend(weights, &inputs)?);

@@ -1,6 +1,6 @@
 //! Files that appear whole or not at all.
 
-use crate::error::{Result, file_error};
+use crate::error::{Result, TrainerError, file_error};
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
@@ -39,6 +39,18 @@ pub fn write_json(path: &Path, value: &impl serde::Serialize) -> Result<()> {
     let mut text = serde_json::to_string_pretty(value).expect("plain data serialises");
     text.push('\n');
     write_whole(path, text.as_bytes())
+}
+
+/// Reads a value from JSON.
+///
+/// # Errors
+/// When the file cannot be read, or holds something else.
+pub fn read_json<T: serde::de::DeserializeOwned>(path: &Path) -> Result<T> {
+    let text = std::fs::read_to_string(path).map_err(file_error("read", path))?;
+    serde_json::from_str(&text).map_err(|error| TrainerError::Json {
+        path: path.to_path_buf(),
+        problem: error.to_string(),
+    })
 }
 
 /// Creates a folder and its parents, and checks that it can be written.

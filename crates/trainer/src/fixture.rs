@@ -1,8 +1,9 @@
 //! A ball that learns to stretch and to bend: what unit tests share.
 
-use crate::body::{Body, ShapeSet, Shapes, difference};
+use crate::body::Body;
 use crate::evaluate::ShapeResult;
 use crate::scene::Scene;
+use crate::shapes::{ShapeSet, Shapes, difference};
 use nalgebra::Vector3;
 use pd_solver::Status;
 use std::path::Path;

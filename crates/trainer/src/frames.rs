@@ -1,10 +1,9 @@
 //! Weights over named shapes, frame by frame, from a JSON or CSV file.
 
-use crate::body::{Shape, ShapeSet, read_matching};
 use crate::curves;
 use crate::error::{Result, TrainerError, file_error, suggestion};
-use crate::progress::note;
-use serde::de::{Error as _, IgnoredAny, MapAccess, Visitor};
+use crate::shapes::{Shape, ShapeSet, read_matching};
+use serde::de::{Error as _, MapAccess, Visitor};
 use serde::{Deserialize, Deserializer};
 use std::borrow::Cow;
 use std::fmt;
@@ -156,7 +155,7 @@ pub struct Frame {
 /// Reads weights over the morph targets of `units`, frame by frame.
 ///
 /// A `.json` file holds `{"frames": [{"name": "a", "weights": {"SHAPE": 0.5}}]}`; shapes that are not named weigh 0, names may be
-/// left out, and whatever else stands there is passed over (jaw transforms with a note). A `.csv` file has a header with the names
+/// left out, and whatever else stands there is passed over. A `.csv` file has a header with the names
 /// of shapes and a line of weights for every frame; a first column called `frame` names the frames, unless a shape is called so.
 ///
 /// # Errors
@@ -168,9 +167,8 @@ pub fn read_frames(path: &Path, units: &MorphedSurface) -> Result<Vec<Frame>> {
         place,
         problem,
     };
-    let extension = path.extension().unwrap_or_default().to_ascii_lowercase();
-    let is_csv = extension == "csv";
-    if !is_csv && extension != "json" {
+    let is_csv = has_extension(path, "csv");
+    if !is_csv && !is_json(path) {
         return Err(wrong((Place::File, FramesProblem::Format)));
     }
     let text = std::fs::read_to_string(path).map_err(file_error("read", path))?;
@@ -181,13 +179,7 @@ pub fn read_frames(path: &Path, units: &MorphedSurface) -> Result<Vec<Frame>> {
     } else if is_csv {
         curves::parse(text, units.target_index("frame").is_none())
     } else {
-        parse_json(text).map(|(frames, has_jaw)| {
-            if has_jaw {
-                let file = path.display();
-                note(&format!("the jaw transforms of {file} are not read"));
-            }
-            frames
-        })
+        parse_json(text)
     };
     let frames = named.and_then(|named| {
         if named.is_empty() {
@@ -216,8 +208,17 @@ pub fn read_units<'a>(
 
 /// Whether a file is one of frames by its name, and no mesh.
 pub fn is_frames_file(path: &Path) -> bool {
-    let extension = path.extension().unwrap_or_default().to_ascii_lowercase();
-    extension == "json" || extension == "csv"
+    is_json(path) || has_extension(path, "csv")
+}
+
+/// Whether a file is JSON by its name.
+pub fn is_json(path: &Path) -> bool {
+    has_extension(path, "json")
+}
+
+fn has_extension(path: &Path, wanted: &str) -> bool {
+    let extension = path.extension();
+    extension.is_some_and(|own| own.eq_ignore_ascii_case(wanted))
 }
 
 /// The shapes that frames blend: neutral plus the sum of weight times displacement. Frames without a name are called `frame N`.
@@ -261,7 +262,6 @@ struct JsonFile {
 struct JsonFrame {
     name: Option<String>,
     weights: JsonWeights,
-    jaw: Option<IgnoredAny>,
 }
 
 /// Weights by name. A map of the standard library would keep the last of two entries of one name, and say nothing.
@@ -296,8 +296,8 @@ impl<'de> Deserialize<'de> for JsonWeights {
     }
 }
 
-/// Frames of a JSON text, and whether one has a jaw transform.
-fn parse_json(text: &str) -> std::result::Result<(Vec<NamedWeights>, bool), Wrong> {
+/// Frames of a JSON text.
+fn parse_json(text: &str) -> std::result::Result<Vec<NamedWeights>, Wrong> {
     let file: JsonFile = serde_json::from_str(text).map_err(|error| {
         let all = error.to_string();
         // The line goes where other lines stand.
@@ -305,7 +305,6 @@ fn parse_json(text: &str) -> std::result::Result<(Vec<NamedWeights>, bool), Wron
         let message = message.to_string();
         (Place::Line(error.line()), FramesProblem::Json { message })
     })?;
-    let has_jaw = file.frames.iter().any(|frame| frame.jaw.is_some());
     let frames = file.frames.into_iter().enumerate();
     let named = frames.map(|(i, frame)| NamedWeights {
         place: Place::Frame {
@@ -315,7 +314,7 @@ fn parse_json(text: &str) -> std::result::Result<(Vec<NamedWeights>, bool), Wron
         name: frame.name,
         weights: frame.weights.0,
     });
-    Ok((named.collect(), has_jaw))
+    Ok(named.collect())
 }
 
 #[cfg(test)]

@@ -1,6 +1,7 @@
 //! The nodes that hang on the jaw joint, between the network's answer and a solver's parameters.
 
 use crate::body::Body;
+use crate::loss;
 use actuation_net::JOINT_SIZE;
 use face_rig::{Joint, JointParameters};
 use nalgebra::Vector3;
@@ -19,6 +20,8 @@ pub struct Hanging {
     rest: Vec<Vector3<f64>>,
     /// Length of one unit of slide.
     unit: f64,
+    /// Length that counts as 1 in the loss on the surface.
+    loss_unit: f64,
 }
 
 impl Hanging {
@@ -39,6 +42,7 @@ impl Hanging {
             rest: places.iter().map(rest).collect(),
             places,
             unit: SLIDE * body.diagonal,
+            loss_unit: loss::UNIT * body.diagonal,
         })
     }
 
@@ -82,7 +86,30 @@ impl Hanging {
         prescribed_bar: &[Vector3<f64>],
     ) -> [f32; JOINT_SIZE] {
         let bars: Vec<_> = self.places.iter().map(|&i| prescribed_bar[i]).collect();
-        let theta_bar = self.joint.vjp(theta, &self.rest, &bars);
+        self.answer_bar(theta, &bars)
+    }
+
+    /// `weight` times the mean squared distance of the hanging nodes under one motion from where they are under another, in the unit
+    /// of the loss on the surface, and the cotangent of the network's answer for the first.
+    pub fn misfit(
+        &self,
+        own: JointParameters,
+        wanted: JointParameters,
+        weight: f64,
+    ) -> (f64, [f32; JOINT_SIZE]) {
+        let off: Vec<_> = (self.joint.positions(own, &self.rest).into_iter())
+            .zip(self.joint.positions(wanted, &self.rest))
+            .map(|(a, b)| a - b)
+            .collect();
+        let scale = weight / (off.len().max(1) as f64 * self.loss_unit.powi(2));
+        let value = off.iter().map(Vector3::norm_squared).sum::<f64>() * scale;
+        let bars: Vec<_> = off.iter().map(|d| d * (2.0 * scale)).collect();
+        (value, self.answer_bar(own, &bars))
+    }
+
+    /// The cotangent of the network's answer from those of the hanging nodes.
+    fn answer_bar(&self, theta: JointParameters, bars: &[Vector3<f64>]) -> [f32; JOINT_SIZE] {
+        let theta_bar = self.joint.vjp(theta, &self.rest, bars);
         std::array::from_fn(|k| (theta_bar[k] * self.factor(k)) as f32)
     }
 
@@ -121,6 +148,7 @@ mod tests {
                 pivot: [-0.4, 0.2, 0.1],
                 shapes: BTreeMap::new(),
                 residual_angle: 0.0,
+                residual_max: 0.0,
             }),
         }
     }
@@ -166,6 +194,35 @@ mod tests {
         assert!(answer.iter().zip(again).all(|(a, b)| (a - b).abs() < 1e-6));
         assert!(hanging.mean_distance(theta, theta) == 0.0);
         assert!(hanging.mean_distance(theta, Joint::REST) > 0.01);
+    }
+
+    /// The misfit is the mean of squares it says, its cotangent the slope, and both vanish where the motions agree.
+    #[test]
+    fn the_misfit_counts_as_the_surface_does() {
+        let scene = fixture::scene("");
+        let body = Body::of_scene(&scene, fixture::inputs().surface, &rig(), 0.2).unwrap();
+        let solver = Solver::new(&body.mesh, &body.effects(&scene).unwrap()).unwrap();
+        let hanging = Hanging::new(&body, &solver).unwrap();
+        let slid = [0.0, 0.0, 0.03, 0.0, 0.04];
+        let (value, _) = hanging.misfit(slid, Joint::REST, 2.0);
+        let expected = 2.0 * (0.05 / (0.01 * body.diagonal)).powi(2);
+        assert!((value - expected).abs() < 1e-9 * expected);
+        let (zero, bar) = hanging.misfit(slid, slid, 2.0);
+        assert_eq!((zero, bar), (0.0, [0.0; JOINT_SIZE]));
+        let answer = [0.2_f32, -0.1, 0.5, -0.3, 0.4];
+        let of = |answer: &[f32; JOINT_SIZE]| hanging.misfit(hanging.parameters(answer), slid, 2.0);
+        let (_, exact) = of(&answer);
+        for k in 0..JOINT_SIZE {
+            let at = |h: f32| {
+                let mut moved = answer;
+                moved[k] += h;
+                (of(&moved).0, f64::from(moved[k]))
+            };
+            let ((up, a), (down, b)) = (at(0.01), at(-0.01));
+            let slope = (up - down) / (a - b);
+            let error = (slope - f64::from(exact[k])).abs();
+            assert!(error < 1e-3 * (1.0 + slope.abs()), "{k}: {slope}");
+        }
     }
 
     #[test]

@@ -27,6 +27,7 @@ mod progress;
 pub mod rig;
 pub mod run;
 pub mod scene;
+pub mod shapes;
 mod sheets;
 pub mod solve;
 pub mod stage1;
@@ -34,6 +35,7 @@ pub mod stage2;
 pub mod table;
 pub mod train;
 pub mod trained;
+pub mod weights;
 
 pub use error::{Result, TrainerError};
 pub use progress::stop_on_signal;

@@ -5,7 +5,7 @@ use nalgebra::Vector3;
 use surface_mesh::{vertex_normals, vertex_normals_vjp};
 
 /// Distances are counted in hundredths of the bounding-box diagonal, so that a loss of 1 is an error that one sees.
-const UNIT: f64 = 0.01;
+pub const UNIT: f64 = 0.01;
 
 /// A target on the surface, with the normals it needs.
 pub struct Loss<'a> {

@@ -9,10 +9,11 @@ use trainer::performance::{CodePath, DEFAULT_FPS, PerformanceRequest, Source, pe
 use trainer::rig::Rig;
 use trainer::run::{Run, newest_folder, next_folder};
 use trainer::scene::Scene;
+use trainer::shapes::load_shapes;
 use trainer::solve::{BodySource, SolveRequest, solve};
 use trainer::table::table;
 use trainer::train::{check, train};
-use trainer::{TrainerError, body, stop_on_signal};
+use trainer::{TrainerError, stop_on_signal};
 
 /// Trains a neural muscle field that drives a soft body through physics, and simulates it.
 #[derive(Parser)]
@@ -197,12 +198,16 @@ fn run_train(args: &TrainArgs) -> trainer::Result<()> {
         let (scene, text) = Scene::read(&args.scene)?;
         let beside = args.scene.parent().map(PathBuf::from).unwrap_or_default();
         let data = args.data.as_ref().unwrap_or(&beside);
-        let inputs = body::load_shapes(&scene, data)?;
+        let inputs = load_shapes(&scene, data)?;
         let rig = Rig::load(&scene, data)?;
-        check(&scene, &args.scene, &inputs, &rig)?;
+        check(&scene, &args.scene, &inputs.shapes, &rig)?;
+        let basis = inputs.choose_basis(&scene)?;
+        if let Some(basis) = &basis {
+            eprintln!("{:>12} {}", "descriptor", basis.summary(&scene.unit));
+        }
         let folder = args.out.clone();
         let folder = folder.unwrap_or_else(|| next_folder(Path::new(RUNS), &scene.name));
-        Run::create(&folder, &text, &inputs, &rig)?
+        Run::create(&folder, &text, &inputs.shapes, &rig, basis.as_ref())?
     };
     let scene = run.scene()?;
     eprintln!(

@@ -8,7 +8,7 @@ pub(crate) use files::PERFORMANCE;
 pub use path::CodePath;
 pub use summary::summary;
 
-use crate::body::{Body, Shape, ShapeSet, Shapes};
+use crate::body::Body;
 use crate::error::{Result, TrainerError};
 use crate::evaluate::{Evaluator, ShapeResult};
 use crate::files::create_folder;
@@ -16,6 +16,7 @@ use crate::frames::{frame_shapes, read_frames, read_units};
 use crate::progress::{Phase, stop_requested};
 use crate::run::Run;
 use crate::scene::Scene;
+use crate::shapes::{Shape, ShapeSet, Shapes};
 use crate::trained::Trained;
 use actuation_net::ActuationNet;
 use files::{Pictures, write};

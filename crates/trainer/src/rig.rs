@@ -1,7 +1,7 @@
 //! The bones of a scene and the joint that moves the mandible, as they are read and as a run keeps them.
 
-use crate::error::{Result, TrainerError, file_error};
-use crate::files::{create_folder, write_json};
+use crate::error::{Result, TrainerError};
+use crate::files::{create_folder, read_json, write_json};
 use crate::scene::Scene;
 use face_rig::{Joint, JointParameters};
 use nalgebra::{Isometry3, Matrix3, Rotation3, Translation3, UnitQuaternion, Vector3};
@@ -57,6 +57,9 @@ pub struct Jaw {
     pub shapes: BTreeMap<String, JointParameters>,
     /// The largest angle, in radians, between a motion and what the joint makes of it: what two rotations cannot express.
     pub residual_angle: f64,
+    /// The largest distance, over the vertices of the bones that move and all motions, between where the motion and where the joint
+    /// carries a vertex.
+    pub residual_max: f64,
 }
 
 /// All bones, and the jaw where a bone moves.
@@ -95,6 +98,17 @@ impl Jaw {
         let own = || self.shapes.get(shape).copied().unwrap_or(Joint::REST);
         (!self.shapes.is_empty()).then(own)
     }
+
+    /// What the joint does in the shapes that a file of motions names, such as frames with jaw transforms.
+    ///
+    /// # Errors
+    /// When the file cannot be read or a motion in it is not rigid.
+    pub fn motions(&self, path: &Path, unit: &str) -> Result<BTreeMap<String, JointParameters>> {
+        let joint = self.joint();
+        let motions = read_motions(path, unit)?.into_iter();
+        let fitted = motions.map(|(name, m)| Ok((name, joint.fit_motion(&m)?.parameters)));
+        fitted.collect()
+    }
 }
 
 impl Rig {
@@ -129,6 +143,7 @@ impl Rig {
                 pivot,
                 shapes: BTreeMap::new(),
                 residual_angle: 0.0,
+                residual_max: 0.0,
             }),
             (None, None) => {
                 return Err(TrainerError::JawMissing {
@@ -188,14 +203,6 @@ fn bone_path(folder: &Path, index: usize) -> PathBuf {
     folder.join(format!("bone-{}.glb", index + 1))
 }
 
-fn read_json<T: serde::de::DeserializeOwned>(path: &Path) -> Result<T> {
-    let text = std::fs::read_to_string(path).map_err(file_error("read", path))?;
-    serde_json::from_str(&text).map_err(|error| TrainerError::Json {
-        path: path.to_path_buf(),
-        problem: error.to_string(),
-    })
-}
-
 /// A rigid motion `x -> R x + t` as files have it: R row by row, t in a length unit that its key names.
 #[derive(Deserialize)]
 struct MotionEntry {
@@ -207,6 +214,7 @@ struct MotionEntry {
 /// Motions per unit and per frame; other keys are somebody else's.
 #[derive(Deserialize)]
 struct MotionsFile {
+    #[serde(default)]
     unit_jaw: BTreeMap<String, MotionEntry>,
     #[serde(default)]
     frames: Vec<FrameEntry>,
@@ -214,7 +222,7 @@ struct MotionsFile {
 
 #[derive(Deserialize)]
 struct FrameEntry {
-    name: String,
+    name: Option<String>,
     jaw: Option<MotionEntry>,
 }
 
@@ -230,14 +238,15 @@ fn read_motions(path: &Path, unit: &str) -> Result<BTreeMap<String, Isometry3<f6
             "{error}: a motion is {{\"rotation_rowmajor\": [9 numbers], \"translation_{unit}\": [3 numbers]}}"
         ))
     };
-    let entries: BTreeMap<String, MotionEntry> = if value.get("unit_jaw").is_some() {
-        let file: MotionsFile = serde_json::from_value(value).map_err(shape)?;
-        let frames = file.frames.into_iter();
-        let frames = frames.filter_map(|f| f.jaw.map(|jaw| (f.name, jaw)));
-        file.unit_jaw.into_iter().chain(frames).collect()
-    } else {
-        serde_json::from_value(value).map_err(shape)?
-    };
+    let entries: BTreeMap<String, MotionEntry> =
+        if value.get("unit_jaw").or(value.get("frames")).is_some() {
+            let file: MotionsFile = serde_json::from_value(value).map_err(shape)?;
+            let frames = file.frames.into_iter();
+            let frames = frames.filter_map(|f| f.name.zip(f.jaw));
+            file.unit_jaw.into_iter().chain(frames).collect()
+        } else {
+            serde_json::from_value(value).map_err(shape)?
+        };
     let motions = entries.into_iter().map(|(name, entry)| {
         let motion = entry
             .motion(unit)
@@ -301,17 +310,27 @@ fn fit(
         None => Joint::fit_pivot(&all, near)?.joint.pivot,
     };
     let joint = Joint::new(pivot);
-    let mut residual_angle: f64 = 0.0;
+    let (mut residual_angle, mut residual_max): (f64, f64) = (0.0, 0.0);
     let mut shapes = BTreeMap::new();
     for (name, motion) in motions {
         let fitted = joint.fit_motion(motion)?;
         residual_angle = residual_angle.max(fitted.residual_angle);
+        for bone in moving {
+            let rest = bone.surface.vertices();
+            let reached = joint.positions(fitted.parameters, rest);
+            let left = rest.iter().zip(reached).map(|(x, y)| {
+                let wanted = motion.rotation * x + motion.translation.vector;
+                (wanted - y).norm()
+            });
+            residual_max = left.fold(residual_max, f64::max);
+        }
         shapes.insert(name.clone(), fitted.parameters);
     }
     Ok(Jaw {
         pivot: pivot.into(),
         shapes,
         residual_angle,
+        residual_max,
     })
 }
 
@@ -347,6 +366,7 @@ mod tests {
         let [x, y, z] = jaw.pivot;
         assert!((y - 1.0).abs() < 1e-9, "{x} {y} {z}");
         assert!((z - 2.0).abs() < 1e-9 && jaw.residual_angle < 1e-9);
+        assert!(jaw.residual_max < 1e-9, "{}", jaw.residual_max);
         let theta = jaw.parameters("long").unwrap();
         assert!((theta[0] - 0.8_f64.acos()).abs() < 1e-9);
         assert!(theta[1..].iter().all(|t| t.abs() < 1e-9));

@@ -1,10 +1,11 @@
 //! The run folder: everything that a training run reads and writes, so that it can be resumed and evaluated anywhere.
 
 use crate::error::{Result, TrainerError, file_error};
-use crate::files::{create_folder, remove_unfinished, write_whole};
+use crate::files::{create_folder, read_json, remove_unfinished, write_json, write_whole};
 use crate::performance::PERFORMANCE;
 use crate::rig::Rig;
-use crate::scene::Scene;
+use crate::scene::{Basis, Scene};
+use crate::shapes::ChosenBasis;
 use std::fs::File;
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -19,7 +20,7 @@ pub struct Run {
 }
 
 impl Run {
-    /// Starts a new run: the folder gets the scene as used, the input shapes and the bones.
+    /// Starts a new run: the folder gets the scene as used, the input shapes, the bones, and the basis where it was chosen.
     ///
     /// # Errors
     /// When the folder holds a run already or cannot be written.
@@ -28,6 +29,7 @@ impl Run {
         scene_text: &str,
         inputs: &MorphedSurface,
         rig: &Rig,
+        basis: Option<&ChosenBasis>,
     ) -> Result<Self> {
         create_folder(folder)?;
         let run = Self::lock(folder)?;
@@ -40,6 +42,9 @@ impl Run {
         }
         write_glb(run.inputs_path(), inputs)?;
         rig.write(&run.rig_folder())?;
+        if let Some(basis) = basis {
+            write_json(&run.basis_path(), basis)?;
+        }
         // Last: a folder with a scene is a run.
         write_whole(&run.scene_path(), scene_text.as_bytes())?;
         Ok(run)
@@ -83,12 +88,21 @@ impl Run {
         &self.folder
     }
 
-    /// The scene as it was used.
+    /// The scene as it was used, with the names of the basis shapes where it asks for a number of them.
     ///
     /// # Errors
     /// When it cannot be read.
     pub fn scene(&self) -> Result<Scene> {
-        Ok(Scene::read(&self.scene_path())?.0)
+        let mut scene = Scene::read(&self.scene_path())?.0;
+        if let Some(Basis::Count(_)) = scene.shapes.basis {
+            let chosen: ChosenBasis = read_json(&self.basis_path())?;
+            scene.shapes.basis = Some(Basis::Names(chosen.basis));
+        }
+        Ok(scene)
+    }
+
+    fn basis_path(&self) -> PathBuf {
+        self.folder.join("basis.json")
     }
 
     /// The neutral surface and target shapes. They are kept in single precision; training reads them from here too, so that
@@ -230,7 +244,14 @@ mod tests {
     use serde_json::json;
 
     fn run(folder: &Path) -> Run {
-        Run::create(folder, fixture::SCENE, &fixture::inputs(), &Rig::default()).unwrap()
+        Run::create(
+            folder,
+            fixture::SCENE,
+            &fixture::inputs(),
+            &Rig::default(),
+            None,
+        )
+        .unwrap()
     }
 
     #[test]
@@ -271,6 +292,7 @@ mod tests {
             fixture::SCENE,
             &fixture::inputs(),
             &Rig::default(),
+            None,
         );
         assert!(message(again).contains("--resume"));
     }

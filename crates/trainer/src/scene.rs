@@ -83,8 +83,22 @@ pub struct ShapeList {
     /// Names of shapes of the file that are no targets, such as correctives that mean nothing alone.
     #[serde(default)]
     pub leave_out: Vec<String>,
-    /// Names of the shapes whose weights describe any shape to the network; all training shapes where not given.
-    pub basis: Option<Vec<String>>,
+    /// The shapes whose weights describe any shape to the network: their names, or how many are to be chosen from the training shapes
+    /// of the file, the farthest first; all training shapes where not given.
+    pub basis: Option<Basis>,
+}
+
+/// The shapes that describe all others.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(
+    untagged,
+    expecting = "`shapes.basis` is a number of shapes or a list of their names"
+)]
+pub enum Basis {
+    /// So many, chosen by [`BasisChoice::farthest_first`](face_rig::BasisChoice::farthest_first).
+    Count(usize),
+    /// These.
+    Names(Vec<String>),
 }
 
 /// A named pose of a generated surface.
@@ -133,15 +147,30 @@ pub struct NetworkSettings {
 
 /// The loss: mean over the surface of the squared distance, in hundredths of the bounding-box diagonal, plus `normal_weight` times the
 /// squared difference of unit normals.
-#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct LossSettings {
     /// alpha of the paper: 0 for bodies, 1 for faces.
     #[serde(default)]
     pub normal_weight: f64,
+    /// Weight of the mandible beside the surface, where its motion is known: of the mean squared distance of the nodes that hang on the
+    /// joint from where they should be, in the unit of the surface's. The surface alone would let the jaw make up for what the flesh
+    /// does not do yet.
+    #[serde(default = "default_jaw_weight")]
+    pub jaw_weight: f64,
     /// Parts of the surface that count less or more than their area, or not at all. A vertex of several takes their product.
     #[serde(default)]
     pub weights: Vec<LossPart>,
+}
+
+impl Default for LossSettings {
+    fn default() -> Self {
+        Self {
+            normal_weight: 0.0,
+            jaw_weight: default_jaw_weight(),
+            weights: Vec::new(),
+        }
+    }
 }
 
 /// A part of the surface and what it counts: one of the two selections.
@@ -252,6 +281,10 @@ fn default_latent() -> usize {
     32
 }
 
+fn default_jaw_weight() -> f64 {
+    10.0
+}
+
 fn default_omega() -> f32 {
     30.0
 }
@@ -299,6 +332,7 @@ impl Scene {
         }
         let not_negative = [
             ("loss.normal_weight", self.loss.normal_weight),
+            ("loss.jaw_weight", self.loss.jaw_weight),
             ("stage1.learning_rate", self.stage1.learning_rate),
             ("stage2.blend_weight", self.stage2.blend_weight),
             ("stage2.learning_rate", self.stage2.learning_rate),

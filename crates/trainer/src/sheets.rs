@@ -1,11 +1,12 @@
 //! The pictures of a run: comparison sheets and the course of the loss.
 
-use crate::body::{Body, ShapeSet};
+use crate::body::Body;
 use crate::error::{Result, file_error};
 use crate::evaluate::ShapeResult;
 use crate::loss::distances;
 use crate::run::Run;
 use crate::scene::Scene;
+use crate::shapes::ShapeSet;
 use nalgebra::Vector3;
 use report::{ComparisonSheet, LinePlot, Row, Series};
 use std::path::Path;
@@ -156,6 +157,7 @@ mod tests {
             fixture::SCENE,
             &fixture::inputs(),
             &crate::rig::Rig::default(),
+            None,
         )
         .unwrap();
         let text = "{\"stage\":1,\"epoch\":1,\"loss\":0.5}\n{\"stage\":1,\"epoch\":2,\"loss\":0.1}\n\

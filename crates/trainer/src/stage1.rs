@@ -4,12 +4,13 @@
 //! With F = R S at a sample of the pulled body, A = S makes `F - R(F A) A = F - R A = 0`: the pulled shape has zero energy under
 //! this actuation, so what remains is the softness of the springs and the error of the network.
 
-use crate::body::{Body, Shape};
+use crate::body::Body;
 use crate::draw;
 use crate::error::Result;
 use crate::hanging::Hanging;
 use crate::progress::Phase;
 use crate::scene::{Scene, Stage1};
+use crate::shapes::Shape;
 use actuation_net::{ActuationNet, Adam, AdamState, JOINT_SIZE, OutputCotangent};
 use nalgebra::{Matrix3, Vector3};
 use pd_solver::{
@@ -21,7 +22,7 @@ use rand::Rng;
 const JOINT_WEIGHT: f64 = 10.0;
 
 /// `weight` times the squared error of the joint's answer and its derivative; nothing where no answer is known.
-pub fn joint_misfit(
+fn joint_misfit(
     answer: &[f32; JOINT_SIZE],
     wanted: JointAnswer,
     weight: f64,

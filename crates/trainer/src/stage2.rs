@@ -1,12 +1,13 @@
 //! Stage 2: through the simulator. Network, equilibrium, loss on the surface, and the exact gradient back.
 
-use crate::body::{Body, Shape};
+use crate::body::Body;
 use crate::draw;
 use crate::error::Result;
 use crate::hanging::Hanging;
 use crate::loss::{Loss, distances};
 use crate::scene::{Scene, Stage2};
-use crate::stage1::{Regression, joint_misfit};
+use crate::shapes::Shape;
+use crate::stage1::Regression;
 use actuation_net::{ActuationNet, Adam, AdamState, JOINT_SIZE};
 use nalgebra::Vector3;
 use pd_solver::{
@@ -101,7 +102,7 @@ impl ThroughSimulator<'_> {
         }
         let target = &self.shapes[shape].positions;
         let loss = Loss::new(self.body, target, self.scene.loss.normal_weight);
-        let (value, node_bar) = loss.nodes(&solution.positions);
+        let (mut value, node_bar) = loss.nodes(&solution.positions);
         let options = AdjointOptions {
             tolerance: settings.adjoint_tolerance,
             ..AdjointOptions::default()
@@ -125,11 +126,16 @@ impl ThroughSimulator<'_> {
         let mut joint_bar = [0.0; JOINT_SIZE];
         if let Some((hanging, theta)) = hanging.zip(theta) {
             let through_body = hanging.vjp(theta, &gradient.prescribed);
-            // The surface alone would let the jaw make up for what the flesh does not do yet.
-            let wanted = self.shapes[shape].joint.map(|theta| hanging.answer(&theta));
-            let (_, known) = joint_misfit(&traced.output().joint, wanted, 1.0);
-            let sums = joint_bar.iter_mut().zip(through_body.iter().zip(known));
-            sums.for_each(|(bar, (a, b))| *bar = a + b);
+            joint_bar = through_body;
+            if let Some(wanted) = self.shapes[shape].joint {
+                let weight = self.scene.loss.jaw_weight;
+                let (more, known) = hanging.misfit(theta, wanted, weight);
+                value += more;
+                joint_bar
+                    .iter_mut()
+                    .zip(known)
+                    .for_each(|(bar, b)| *bar += b);
+            }
         }
         let mut gradient = traced.backward(&actuation_bar, &joint_bar);
         if let Some(blends) = &self.blends {

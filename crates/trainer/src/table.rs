@@ -1,8 +1,8 @@
 //! The table of errors that training and evaluation end with.
 
-use crate::body::ShapeSet;
 use crate::checkpoint::StageError;
 use crate::evaluate::ShapeResult;
+use crate::shapes::ShapeSet;
 use std::borrow::Borrow;
 
 /// Mean of some numbers; 0 of none.

@@ -1,6 +1,6 @@
 //! Training from a scene to a finished run, resumable at any step.
 
-use crate::body::{Body, Shape, Shapes};
+use crate::body::Body;
 use crate::checkpoint::{Checkpoint, RunningMean, Stage, StageError};
 use crate::error::{Result, TrainerError};
 use crate::evaluate::{self, Evaluator, ShapeResult};
@@ -10,6 +10,7 @@ use crate::progress::{Phase, stop_requested};
 use crate::rig::Rig;
 use crate::run::{Metrics, Run};
 use crate::scene::Scene;
+use crate::shapes::{Shape, Shapes};
 use crate::stage1::{self, Pulled, Regression};
 use crate::stage2::{self, Outcome, ThroughSimulator};
 use crate::table::mean_of;
@@ -168,10 +169,11 @@ fn tell_bones(body: &Body, rig: &Rig, unit: &str) {
     if let Some(jaw) = &rig.jaw {
         let [x, y, z] = jaw.pivot;
         eprintln!(
-            "{:>12} turns about ({x:.3}, {y:.3}, {z:.3}) {unit}; {} motions known, the farthest {:.3} degrees from what the joint can do",
+            "{:>12} turns about ({x:.3}, {y:.3}, {z:.3}) {unit}; {} motions known, which the joint follows to {:.3} degrees and {:.4} {unit}",
             "jaw",
             jaw.shapes.len(),
-            jaw.residual_angle.to_degrees()
+            jaw.residual_angle.to_degrees(),
+            jaw.residual_max
         );
     }
 }
@@ -398,6 +400,7 @@ mod tests {
             fixture::SCENE,
             &fixture::inputs(),
             &crate::rig::Rig::default(),
+            None,
         )
         .unwrap();
         assert_eq!(train(&run).unwrap().results.len(), 3);

@@ -1,9 +1,10 @@
 //! A trained run with everything that simulating it needs.
 
-use crate::body::{Body, Shapes};
+use crate::body::Body;
 use crate::error::{Result, TrainerError};
 use crate::run::Run;
 use crate::scene::Scene;
+use crate::shapes::Shapes;
 use actuation_net::ActuationNet;
 use surface_mesh::MorphedSurface;
 

@@ -1,11 +1,12 @@
 //! The files of a performance: an animated mesh, a picture of every frame, a contact sheet, and the numbers.
 
 use super::{Performance, PerformedFrame, Source};
-use crate::body::{Body, difference};
+use crate::body::Body;
 use crate::error::{Result, TrainerError, file_error};
 use crate::files::{write_json, write_whole};
 use crate::progress::{Phase, stop_requested};
 use crate::scene::Scene;
+use crate::shapes::difference;
 use pd_solver::Status;
 use report::{CLAY, Camera, Colours, ContactSheet, Mesh, Panel, render};
 use serde::Serialize;
@@ -214,9 +215,9 @@ fn remove_others(folder: &Path, names: &HashSet<String>) -> Result<()> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::body::ShapeSet;
     use crate::fixture;
     use crate::performance::Start;
+    use crate::shapes::ShapeSet;
 
     #[test]
     fn pictures_are_chosen_evenly() {

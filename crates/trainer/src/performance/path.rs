@@ -1,8 +1,8 @@
 //! Paths of codes, from shape to shape.
 
 use super::Wanted;
-use crate::body::{Shape, ShapeSet, Shapes};
 use crate::error::{Result, TrainerError};
+use crate::shapes::{Shape, ShapeSet, Shapes};
 use nalgebra::Vector3;
 use surface_mesh::MorphedSurface;
 

@@ -77,8 +77,8 @@ fn listed(numbers: &[usize]) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::body::ShapeSet;
     use crate::fixture;
+    use crate::shapes::ShapeSet;
 
     #[test]
     fn the_summary_says_what_went_wrong() {
