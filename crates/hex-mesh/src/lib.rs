@@ -20,7 +20,7 @@ pub use error::HexMeshError;
 pub use incidence::{ElementCorner, NodeElements};
 pub use mesh::HexMesh;
 pub use quadrature::{Quadrature, QuadratureRule};
-pub use region::{Axis, NodeRegion};
+pub use region::{Axis, NodeRegion, nodes_near};
 pub use trilinear::{corner_offset, trilinear_gradients, trilinear_weights};
 pub use voxelise::{
     DroppedPiece, Keep, Splitting, VoxelOptions, VoxelReport, Voxelised, voxelise,

@@ -227,6 +227,29 @@ fn nodes_inside(mesh: &HexMesh, surface: &Surface) -> Result<Vec<u32>, HexMeshEr
     not_empty(selected, mesh, |node| surface_distance(node, surface))
 }
 
+/// The nodes within `reach` of the triangles of a surface, open or closed, by rising index; there may be none.
+///
+/// # Errors
+/// [`HexMeshError::VertexNotFinite`], and [`HexMeshError::RegionInvalid`] when `reach` is negative or not finite.
+pub fn nodes_near(mesh: &HexMesh, surface: &Surface, reach: f64) -> Result<Vec<u32>, HexMeshError> {
+    if !(reach.is_finite() && reach >= 0.0) {
+        return invalid("reach", reach, "it must be finite and not negative").map(|()| Vec::new());
+    }
+    let is_finite = |vertex: &Vector3<f64>| vertex.iter().all(|x| x.is_finite());
+    if let Some(vertex) = { surface.vertices().iter() }.position(|vertex| !is_finite(vertex)) {
+        return Err(HexMeshError::VertexNotFinite { vertex });
+    }
+    let (min, max) = surface.bounding_box();
+    let margin = Vector3::repeat(reach);
+    let is_near = |node: &Vector3<f64>| {
+        let in_box = *node >= min - margin && *node <= max + margin;
+        in_box && surface_distance(node, surface) <= reach
+    };
+    let nodes = mesh.nodes().par_iter().enumerate();
+    let near = nodes.filter(|(_, node)| is_near(node));
+    Ok(near.map(|(index, _)| index as u32).collect())
+}
+
 /// The grid on which the nodes of a mesh lie.
 fn node_grid(mesh: &HexMesh) -> PointGrid {
     let nothing = Vector3::repeat(f64::INFINITY);

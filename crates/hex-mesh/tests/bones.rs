@@ -38,7 +38,7 @@ fn on_missing_cell(whole: &HexMesh, flesh: &HexMesh, node: &Vector3<f64>) -> boo
 #[test]
 fn the_nodes_around_a_bone_are_its_own() {
     let body = cube([0.0; 3], [8.0; 3]);
-    let bone = cube([2.0, 2.0, 2.0], [5.0, 4.0, 6.0]);
+    let bone = cube([1.9, 1.7, 1.6], [5.2, 4.3, 6.4]);
     let found = voxelise_with_bones(&body, &[bone], &at_zero(1.0)).unwrap();
     assert_eq!(found.mesh.elements().len(), 512 - 3 * 2 * 4);
     assert_eq!(found.report.bone_elements, 24);
@@ -98,14 +98,15 @@ fn thin_bones_hold_the_nodes_inside_them() {
     assert_eq!(found.bone_nodes[0].len(), 9);
 }
 
-/// Nodes between two bones go to one of them; nodes inside one go to that one.
+/// Nodes in two bones go to the first, and that they overlap is said.
 #[test]
 fn every_node_has_one_bone() {
     let body = cube([0.0; 3], [9.0, 3.0, 3.0]);
-    let left = cube([1.0, 1.0, 1.0], [4.0, 2.0, 2.0]);
-    let right = cube([4.2, 0.9, 0.9], [7.0, 2.1, 2.1]);
+    let left = cube([0.9, 0.9, 0.9], [4.1, 2.1, 2.1]);
+    let right = cube([3.8, 0.8, 0.8], [7.1, 2.2, 2.2]);
     let found = voxelise_with_bones(&body, &[left, right], &at_zero(1.0)).unwrap();
-    assert_eq!(found.mesh.elements().len(), 81 - 6);
+    // The cell from 4 to 5 has corners of either.
+    assert_eq!(found.mesh.elements().len(), 81 - 5);
     let [left, right] = &found.bone_nodes[..] else {
         panic!("two bones")
     };
@@ -116,7 +117,14 @@ fn every_node_has_one_bone() {
             .map(|&node| found.mesh.nodes()[node as usize].x)
             .collect()
     };
-    // Four nodes each at x = 1, 2, 3 and 4, where one cell of each bone meets and the first wins; then at 5, 6 and 7.
+    // Four nodes each at x = 1, 2, 3 and 4, where both are and the first wins; then at 5, 6 and 7.
+    assert_eq!(found.report.shared_points, 4);
+    assert!(
+        found
+            .report
+            .to_string()
+            .contains("4 grid points lie in several")
+    );
     assert_eq!(left.len(), 16);
     assert!(x(left).iter().all(|x| (1.0..=4.0).contains(x)));
     assert_eq!(right.len(), 12);
@@ -129,10 +137,10 @@ fn a_bone_holds_its_side_of_a_gap() {
     let x = [0.0, 1.99, 2.01, 4.0];
     let planes: [&[f64]; 3] = [&x, &[0.0, 2.0], &[0.0, 2.0, 6.0]];
     let fork = blocks(planes, |[x, _, z]| x != 1 || z == 0);
-    let bone = cube([1.0, 0.0, 4.0], [1.98, 2.0, 5.0]);
+    let bone = cube([0.5, -0.1, 3.9], [1.98, 2.1, 5.1]);
     let found = voxelise_with_bones(&fork, &[bone], &at_zero(1.0)).unwrap();
-    assert_eq!(found.report.bone_elements, 2);
-    assert_eq!(found.bone_nodes[0].len(), 12);
+    assert_eq!(found.report.bone_elements, 0);
+    assert_eq!(found.bone_nodes[0].len(), 6);
     let corners = found.mesh.node_elements();
     for &node in &found.bone_nodes[0] {
         for corner in corners.at(node as usize) {
@@ -144,7 +152,7 @@ fn a_bone_holds_its_side_of_a_gap() {
 #[test]
 fn flesh_that_bones_cut_off_is_dropped_or_kept() {
     let body = cube([0.0; 3], [9.0, 2.0, 2.0]);
-    let bone = cube([2.0, -1.0, -1.0], [4.0, 3.0, 3.0]);
+    let bone = cube([1.9, -1.0, -1.0], [4.1, 3.0, 3.0]);
     let bones = [bone];
     let found = voxelise_with_bones(&body, &bones, &at_zero(1.0)).unwrap();
     assert_eq!((found.report.pieces, found.report.elements), (2, 20));

@@ -3,8 +3,11 @@
 mod common;
 
 use common::{data_shape, moved};
-use hex_mesh::{Axis, HexMesh, HexMeshError, Keep, NodeRegion, Quadrature, VoxelOptions, voxelise};
+use hex_mesh::{
+    Axis, HexMesh, HexMeshError, Keep, NodeRegion, Quadrature, VoxelOptions, nodes_near, voxelise,
+};
 use nalgebra::Vector3;
+use surface_mesh::Surface;
 use surface_mesh::primitives::{cuboid, icosphere};
 
 /// Nodes at 0, 0.1, .. 1 along each axis.
@@ -217,4 +220,26 @@ fn bones_hold_nodes_of_the_face() {
             .collect();
         assert_eq!(selected, Ok(expected));
     }
+}
+
+/// Near an open sheet lie the nodes of the layers within reach, beyond its rim as well.
+#[test]
+fn nodes_near_an_open_surface() {
+    let corners = [[0.0, 0.0, 0.51], [0.5, 0.0, 0.51], [0.0, 0.5, 0.51]];
+    let sheet = Surface::from_triangles(corners.map(Vector3::from).to_vec(), vec![[0, 1, 2]]);
+    let near = |reach| nodes_near(&unit_box(), sheet.as_ref().unwrap(), reach);
+    // i + j <= 5 at the layer 0.01 away.
+    assert_eq!(near(0.02).unwrap().len(), 21);
+    // The layers above and below too; in the plane, 0.1 / sqrt(2) beyond the slanted side: i + j = 6, and along the others i or j = 5.
+    let within = near(0.1).unwrap();
+    assert!(within.len() > 2 * 21 && within.is_sorted());
+    assert_eq!(near(0.0).unwrap(), Vec::<u32>::new());
+    assert!(matches!(
+        near(f64::NAN),
+        Err(HexMeshError::RegionInvalid { .. })
+    ));
+    assert!(matches!(
+        near(-1.0),
+        Err(HexMeshError::RegionInvalid { .. })
+    ));
 }

@@ -27,6 +27,7 @@ fn face_sized() -> MorphedSurface {
     MorphedSurface {
         targets: (0..40).map(target).collect(),
         surface,
+        unit: None,
     }
 }
 

@@ -20,6 +20,9 @@ pub struct MorphedSurface {
     pub surface: Surface,
     /// The targets, in file order. Empty for formats without morph targets.
     pub targets: Vec<MorphTarget>,
+    /// The length unit that the file names, as `units` among the extras of its mesh or asset: "m", "cm" and the like. Says nothing about
+    /// the coordinates here, which are as they are in the file.
+    pub unit: Option<String>,
 }
 
 impl MorphedSurface {
@@ -28,7 +31,11 @@ impl MorphedSurface {
     /// # Errors
     /// [`SurfaceError::TargetLength`] when a target has not one delta per vertex, [`SurfaceError::NonFiniteDelta`].
     pub fn new(surface: Surface, targets: Vec<MorphTarget>) -> Result<Self, SurfaceError> {
-        let morphed = Self { surface, targets };
+        let morphed = Self {
+            surface,
+            targets,
+            unit: None,
+        };
         morphed.check_targets()?;
         Ok(morphed)
     }

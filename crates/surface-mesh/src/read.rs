@@ -17,6 +17,7 @@ pub fn read_surface(path: impl AsRef<Path>) -> Result<MorphedSurface, SurfaceErr
         Some("obj") => Ok(MorphedSurface {
             surface: read_obj(path)?,
             targets: Vec::new(),
+            unit: None,
         }),
         Some("glb" | "gltf") => read_gltf(path),
         _ => Err(SurfaceError::UnknownFormat { path: path.into() }),

@@ -1,11 +1,14 @@
 //! A body ready to be simulated: surface, voxels, bones and embedding.
 
 use crate::error::{Result, TrainerError};
-use crate::rig::Rig;
-use crate::scene::{Scene, SurfaceSource};
+use crate::rig::{Bone, Rig};
+use crate::scene::{MeshSettings, Scene, SurfaceSource};
 use crate::weights::vertex_weights;
 use face_rig::Joint;
-use hex_mesh::{Embedding, HexMesh, Quadrature, VoxelOptions, VoxelReport, voxelise_with_bones};
+use hex_mesh::{
+    Embedding, HexMesh, Quadrature, Splitting, VoxelOptions, VoxelReport, nodes_near,
+    voxelise_with_bones,
+};
 use nalgebra::Vector3;
 use pd_solver::{EffectSpec, NodeSet, Solver, deformation_gradients};
 use surface_mesh::Surface;
@@ -40,7 +43,12 @@ impl Body {
     /// # Errors
     /// When the surface is open or the element size does not fit it.
     pub fn new(name: &str, surface: Surface, element_size: f64, samples: usize) -> Result<Self> {
-        Self::with_bones(name, surface, &Rig::default(), element_size, samples)
+        let settings = MeshSettings {
+            element_size,
+            samples,
+            cover_thin: false,
+        };
+        Self::with_bones(name, surface, &Rig::default(), &settings)
     }
 
     /// The body of a scene.
@@ -52,8 +60,8 @@ impl Body {
             SurfaceSource::File(file) => file.display().to_string(),
             SurfaceSource::Starfish(_) => scene.name.clone(),
         };
-        let samples = scene.mesh.samples;
-        let mut body = Self::with_bones(&name, surface, rig, element_size, samples)?;
+        let settings = scene.mesh.resized(element_size);
+        let mut body = Self::with_bones(&name, surface, rig, &settings)?;
         body.vertex_weights = vertex_weights(&body.surface, scene)?;
         Ok(body)
     }
@@ -66,28 +74,60 @@ impl Body {
         name: &str,
         surface: Surface,
         rig: &Rig,
-        element_size: f64,
-        samples: usize,
+        settings: &MeshSettings,
     ) -> Result<Self> {
+        let element_size = settings.element_size;
         let mesh_error = |source| TrainerError::Mesh {
             name: name.to_string(),
             source,
         };
         surface_mesh::report(&surface).require_closed(name)?;
         let options = VoxelOptions {
-            quadrature: Quadrature::from_count(samples).map_err(mesh_error)?,
+            quadrature: Quadrature::from_count(settings.samples).map_err(mesh_error)?,
             cover_bones: true,
+            split: Some(Splitting {
+                cover_thin: settings.cover_thin,
+                ..Splitting::default()
+            }),
             ..VoxelOptions::new(element_size)
         };
-        let bones: Vec<Surface> = rig.bones.iter().map(|b| b.surface.clone()).collect();
+        let is_closed = |bone: &&Bone| {
+            surface_mesh::report(&bone.surface)
+                .require_closed("")
+                .is_ok()
+        };
+        let (closed, open): (Vec<&Bone>, Vec<&Bone>) = rig.bones.iter().partition(is_closed);
+        let bones: Vec<Surface> = closed.iter().map(|bone| bone.surface.clone()).collect();
         let voxelised = voxelise_with_bones(&surface, &bones, &options).map_err(mesh_error)?;
         let embedding = voxelised.embed_surface(&surface).map_err(mesh_error)?;
         let mesh = voxelised.mesh;
         let (mut fixed_nodes, mut moved_nodes) = (Vec::new(), Vec::new());
-        for (bone, nodes) in rig.bones.iter().zip(voxelised.bone_nodes) {
+        let mut is_held = vec![false; mesh.nodes().len()];
+        let nowhere = vec![Vec::new(); open.len()];
+        let all = closed.into_iter().chain(open);
+        // What lies inside a bone is its own before anything that lies near another one.
+        let inside: Vec<(&Bone, Vec<u32>)> = all
+            .zip(voxelised.bone_nodes.into_iter().chain(nowhere))
+            .collect();
+        { inside.iter() }
+            .flat_map(|(_, nodes)| nodes)
+            .for_each(|&n| is_held[n as usize] = true);
+        for (bone, mut nodes) in inside {
+            if bone.reach > 0.0 {
+                let near = nodes_near(&mesh, &bone.surface, bone.reach).map_err(|source| {
+                    let name = format!("the bone `{}`", bone.name);
+                    TrainerError::Mesh { name, source }
+                })?;
+                nodes.extend(
+                    near.into_iter()
+                        .filter(|&n| !std::mem::replace(&mut is_held[n as usize], true)),
+                );
+            }
             if nodes.is_empty() {
                 return Err(TrainerError::BoneOutside {
                     bone: bone.name.clone(),
+                    across: bone.surface.diagonal(),
+                    body: surface.diagonal(),
                     element_size,
                 });
             }
@@ -137,6 +177,22 @@ impl Body {
         Ok(effects)
     }
 
+    /// Vertices that count in the loss but cannot move by themselves: bones hold all nodes of the elements that carry them.
+    pub fn vertices_on_bone(&self) -> Vec<usize> {
+        let mut held = vec![false; self.mesh.nodes().len()];
+        for &node in self.fixed_nodes.iter().chain(&self.moved_nodes) {
+            held[node as usize] = true;
+        }
+        let elements = self.mesh.elements();
+        let on_bone = |v: &usize| {
+            let carrier = self.embedding.vertices()[*v].element as usize;
+            self.vertex_weights[*v] > 0.0 && elements[carrier].iter().all(|&n| held[n as usize])
+        };
+        (0..self.embedding.vertices().len())
+            .filter(on_bone)
+            .collect()
+    }
+
     /// Positions of the surface's vertices for positions of the nodes.
     pub fn surface_positions(&self, nodes: &[Vector3<f64>]) -> Vec<Vector3<f64>> {
         self.embedding.positions(nodes, &self.mesh)
@@ -162,4 +218,94 @@ fn normalised_points(surface: &Surface, points: &[Vector3<f64>]) -> Vec<f32> {
     normalised
         .flat_map(|p| [p.x as f32, p.y as f32, p.z as f32])
         .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::fixture;
+
+    fn bone(name: &str, moves: bool, reach: f64, surface: Surface) -> Bone {
+        Bone {
+            name: name.into(),
+            moves,
+            reach,
+            surface,
+        }
+    }
+
+    /// An open strip of teeth in the plane y = 0.
+    fn teeth(x: [f64; 2]) -> Surface {
+        let corners = [
+            [x[0], 0.0, -0.3],
+            [x[1], 0.0, -0.3],
+            [x[1], 0.0, 0.3],
+            [x[0], 0.0, 0.3],
+        ];
+        let vertices = corners.map(Vector3::from).to_vec();
+        Surface::from_triangles(vertices, vec![[0, 1, 2], [0, 2, 3]]).unwrap()
+    }
+
+    fn body(bones: Vec<Bone>) -> Result<Body> {
+        let scene = fixture::scene("");
+        let rig = Rig { bones, jaw: None };
+        Body::of_scene(&scene, fixture::inputs().surface, &rig, 0.2)
+    }
+
+    #[test]
+    fn a_reach_holds_what_is_near_an_open_bone() {
+        let body = body(vec![
+            bone("upper", false, 0.15, teeth([-0.5, 0.05])),
+            bone("lower", true, 0.15, teeth([0.05, 0.5])),
+        ]);
+        let body = body.unwrap();
+        let nodes = body.mesh.nodes();
+        let distance = |n: u32, x: [f64; 2]| {
+            let p = nodes[n as usize];
+            let aside = (x[0] - p.x).max(p.x - x[1]).max(0.0);
+            Vector3::new(aside, p.y, (p.z.abs() - 0.3).max(0.0)).norm()
+        };
+        let all = 0..nodes.len() as u32;
+        let upper = |n: &u32| distance(*n, [-0.5, 0.05]) <= 0.15;
+        let lower = |n: &u32| distance(*n, [0.05, 0.5]) <= 0.15;
+        assert_eq!(
+            body.fixed_nodes,
+            all.clone().filter(upper).collect::<Vec<_>>()
+        );
+        // A node near both is the first one's.
+        let second = all.clone().filter(|n| lower(n) && !upper(n));
+        assert_eq!(body.moved_nodes, second.collect::<Vec<_>>());
+        assert!(!body.moved_nodes.is_empty() && all.clone().any(|n| lower(&n) && upper(&n)));
+        assert!(body.vertices_on_bone().is_empty());
+    }
+
+    #[test]
+    fn a_bone_that_holds_nothing_is_named_with_its_size() {
+        let far = teeth([50.0, 50.5]);
+        let message = body(vec![bone("upper", false, 0.15, far)])
+            .err()
+            .unwrap()
+            .to_string();
+        assert!(message.contains("`upper`, 0.781 across"), "{message}");
+        assert!(message.contains("another unit"), "{message}");
+    }
+
+    /// Where a bone fills the body up to the skin, that skin cannot move, and it is told.
+    #[test]
+    fn skin_on_a_bone_is_found() {
+        let ball = surface_mesh::primitives::icosphere(2, 1.1);
+        let aside = ball
+            .vertices()
+            .iter()
+            .map(|x| x + Vector3::new(0.7, 0.0, 0.0));
+        let skull = ball.with_vertices(aside.collect()).unwrap();
+        let body = body(vec![bone("skull", false, 0.0, skull)]).unwrap();
+        let on_bone = body.vertices_on_bone();
+        assert!(!on_bone.is_empty());
+        let vertices = body.surface.vertices();
+        assert!(on_bone.iter().all(|&v| vertices[v].x > 0.2), "{on_bone:?}");
+        let rightmost =
+            (0..vertices.len()).max_by(|&a, &b| vertices[a].x.total_cmp(&vertices[b].x));
+        assert!(on_bone.contains(&rightmost.unwrap()));
+    }
 }

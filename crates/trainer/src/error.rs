@@ -136,6 +136,14 @@ pub enum TrainerError {
         /// What is wrong and how to mend it.
         problem: String,
     },
+    /// A file that does not go with the surface, though it may have as many vertices.
+    #[error("{}: {problem}", path.display())]
+    Unlike {
+        /// The file.
+        path: PathBuf,
+        /// What differs and how to mend it.
+        problem: String,
+    },
     /// A bone moves, but nothing says where its joint is.
     #[error(
         "the bone `{bone}` moves, but the scene does not say how: give `jaw.motions` (a JSON file of its motions) or `jaw.pivot`"
@@ -146,11 +154,16 @@ pub enum TrainerError {
     },
     /// A bone that holds no node of the body.
     #[error(
-        "the bone `{bone}` holds no node of the body: it lies outside of the surface, or is thinner than an element of {element_size}"
+        "the bone `{bone}`, {across:.3} across, holds no node of the body, which is {body:.3} across: it lies outside of the surface, or inside \
+         another bone, is thinner than an element of {element_size}, or its file is in another unit"
     )]
     BoneOutside {
         /// The bone.
         bone: String,
+        /// Diagonal of its bounding box.
+        across: f64,
+        /// Diagonal of the body's bounding box.
+        body: f64,
         /// Edge length of an element.
         element_size: f64,
     },

@@ -142,6 +142,7 @@ mod tests {
             bones: vec![Bone {
                 name: "mandible".into(),
                 moves: true,
+                reach: 0.0,
                 surface: bone.with_vertices(aside.collect()).unwrap(),
             }],
             jaw: Some(Jaw {
@@ -245,7 +246,10 @@ mod tests {
         let scene = fixture::scene("");
         let refused = Body::of_scene(&scene, fixture::inputs().surface, &rig, 0.2);
         let message = refused.err().map(|e| e.to_string()).unwrap_or_default();
-        assert!(message.contains("`mandible` holds no node"), "{message}");
+        assert!(
+            message.contains("the bone `mandible`, 1.559 across, holds no node"),
+            "{message}"
+        );
     }
 
     #[test]

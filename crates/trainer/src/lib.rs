@@ -21,6 +21,7 @@ mod fixture;
 pub mod frames;
 pub mod hanging;
 pub mod loss;
+mod matching;
 pub mod npy;
 pub mod performance;
 mod progress;

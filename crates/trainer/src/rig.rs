@@ -2,6 +2,7 @@
 
 use crate::error::{Result, TrainerError};
 use crate::files::{create_folder, read_json, write_json};
+use crate::matching::check_unit;
 use crate::scene::Scene;
 use face_rig::{Joint, JointParameters};
 use nalgebra::{Isometry3, Matrix3, Rotation3, Translation3, UnitQuaternion, Vector3};
@@ -19,8 +20,12 @@ const ROTATION_SLACK: f64 = 1e-3;
 pub struct BoneSettings {
     /// Name of the bone.
     pub name: String,
-    /// Its closed surface: OBJ, glTF or GLB, relative to the data folder.
+    /// Its surface: OBJ, glTF or GLB, relative to the data folder. Closed, unless it has a reach.
     pub file: PathBuf,
+    /// How far around it the bone holds flesh, besides what is inside it. With a reach the surface may be open, as that of teeth often
+    /// is; then there is no inside.
+    #[serde(default)]
+    pub reach: f64,
     /// Whether the jaw joint moves it; it stays at rest otherwise.
     #[serde(default)]
     pub moves: bool,
@@ -44,7 +49,9 @@ pub struct Bone {
     pub name: String,
     /// Whether the joint moves it.
     pub moves: bool,
-    /// Its closed surface at rest.
+    /// How far around it the bone holds flesh.
+    pub reach: f64,
+    /// Its surface at rest.
     pub surface: Surface,
 }
 
@@ -84,6 +91,8 @@ struct Kept {
 struct KeptBone {
     name: String,
     moves: bool,
+    #[serde(default)]
+    reach: f64,
 }
 
 impl Jaw {
@@ -118,11 +127,17 @@ impl Rig {
     /// When a file cannot be read, a bone is open, a bone moves but nothing says how, or a motion is not rigid.
     pub fn load(scene: &Scene, data: &Path) -> Result<Self> {
         let bones = scene.bones.iter().map(|bone| {
-            let surface = read_surface(data.join(&bone.file))?.surface;
-            surface_mesh::report(&surface).require_closed(&bone.file.display().to_string())?;
+            let path = data.join(&bone.file);
+            let file = read_surface(&path)?;
+            check_unit(&path, &file, &scene.unit);
+            let surface = file.surface;
+            if bone.reach == 0.0 {
+                surface_mesh::report(&surface).require_closed(&bone.file.display().to_string())?;
+            }
             Ok(Bone {
                 name: bone.name.clone(),
                 moves: bone.moves,
+                reach: bone.reach,
                 surface,
             })
         });
@@ -170,6 +185,7 @@ impl Rig {
             bones.push(KeptBone {
                 name: bone.name.clone(),
                 moves: bone.moves,
+                reach: bone.reach,
             });
         }
         let jaw = self.jaw.clone();
@@ -189,6 +205,7 @@ impl Rig {
             Ok(Bone {
                 name: bone.name,
                 moves: bone.moves,
+                reach: bone.reach,
                 surface: read_surface(bone_path(folder, i))?.surface,
             })
         });

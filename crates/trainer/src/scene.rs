@@ -129,6 +129,20 @@ pub struct MeshSettings {
     /// Samples per element: 1, 8 or 27.
     #[serde(default = "default_samples")]
     pub samples: usize,
+    /// Whether parts thinner than an element, such as fingers, get elements too; their skin hangs on flesh nearby otherwise.
+    #[serde(default)]
+    pub cover_thin: bool,
+}
+
+impl MeshSettings {
+    /// Elements of another size.
+    #[must_use]
+    pub fn resized(&self, element_size: f64) -> Self {
+        Self {
+            element_size,
+            ..self.clone()
+        }
+    }
 }
 
 /// The network.
@@ -265,8 +279,11 @@ impl Default for Evaluation {
     }
 }
 
+/// The unit of a scene that names none.
+pub(crate) const UNNAMED_UNIT: &str = "units";
+
 fn default_unit() -> String {
-    "units".into()
+    UNNAMED_UNIT.into()
 }
 
 fn default_checkpoint_seconds() -> f64 {
@@ -341,6 +358,12 @@ impl Scene {
         for (key, value) in not_negative {
             if !(value.is_finite() && value >= 0.0) {
                 return wrong(key, value.to_string(), "give a finite number, zero or more");
+            }
+        }
+        for bone in &self.bones {
+            if !(bone.reach.is_finite() && bone.reach >= 0.0) {
+                let mend = "give a length, zero or more";
+                return wrong("bone.reach", bone.reach.to_string(), mend);
             }
         }
         if ![1, 8, 27].contains(&self.mesh.samples) {

@@ -2,6 +2,7 @@
 
 use crate::error::{Result, TrainerError};
 use crate::frames::{frame_shapes, read_frames};
+use crate::matching::{check_same_mesh, check_unit};
 use crate::rig::Jaw;
 use crate::scene::{Basis, Scene, SurfaceSource};
 use crate::weights::vertex_weights;
@@ -77,10 +78,16 @@ pub fn load_shapes(scene: &Scene, data: &Path) -> Result<Inputs> {
             Ok(Inputs { shapes, units })
         }
         SurfaceSource::File(file) => {
-            let neutral = read_surface(data.join(file))?;
+            let own_path = data.join(file);
+            let neutral = read_surface(&own_path)?;
+            check_unit(&own_path, &neutral, &scene.unit);
             let path = data.join(scene.shapes.file.as_ref().unwrap_or(file));
             let mut targets = match &scene.shapes.file {
-                Some(_) => read_matching(&path, &neutral.surface)?,
+                Some(_) => {
+                    let file = read_like(&path, &neutral.surface)?;
+                    check_unit(&path, &file, &scene.unit);
+                    file.targets
+                }
                 None => neutral.targets,
             };
             // Frames may weigh what is no target by itself, such as a corrective.
@@ -130,8 +137,13 @@ fn frame_targets(
 /// Morph targets of a file, as displacements from the vertices of `surface`, which the file's own neutral must have as well.
 ///
 /// # Errors
-/// When the file cannot be read, has another number of vertices or no morph target.
+/// When the file cannot be read, has another number or order of vertices, another unit, or no morph target.
 pub fn read_matching(path: &Path, surface: &Surface) -> Result<Vec<MorphTarget>> {
+    Ok(read_like(path, surface)?.targets)
+}
+
+/// As [`read_matching`], with the surface itself and the unit that the file names.
+fn read_like(path: &Path, surface: &Surface) -> Result<MorphedSurface> {
     let file = read_surface(path)?;
     let (found, expected) = (file.surface.vertex_count(), surface.vertex_count());
     if found != expected {
@@ -141,6 +153,7 @@ pub fn read_matching(path: &Path, surface: &Surface) -> Result<Vec<MorphTarget>>
             expected,
         });
     }
+    check_same_mesh(path, &file.surface, surface)?;
     if file.targets.is_empty() {
         let path = path.to_path_buf();
         return Err(TrainerError::NoTargets { path });
@@ -149,7 +162,11 @@ pub fn read_matching(path: &Path, surface: &Surface) -> Result<Vec<MorphTarget>>
         name: file.targets[i].name.clone(),
         deltas: difference(&file.shape(i), surface.vertices()),
     });
-    Ok(targets.collect())
+    Ok(MorphedSurface {
+        surface: surface.clone(),
+        targets: targets.collect(),
+        unit: file.unit,
+    })
 }
 
 /// `a - b`, vertex by vertex.
@@ -163,8 +180,8 @@ pub fn difference(a: &[Vector3<f64>], b: &[Vector3<f64>]) -> Vec<Vector3<f64>> {
 pub struct ChosenBasis {
     /// Their names, the farthest first.
     pub basis: Vec<String>,
-    /// The other units that were there to choose from, and what the best weights over the basis leave of each: root mean square over
-    /// the surface, in scene units.
+    /// The other units that were there to choose from, and what the best weights over the basis leave of each: the largest distance
+    /// at a vertex that counts, in scene units.
     pub left_out: Vec<(String, f64)>,
 }
 
@@ -173,9 +190,9 @@ impl ChosenBasis {
     pub fn summary(&self, unit: &str) -> String {
         let (count, names) = (self.basis.len(), self.basis.join(", "));
         let worst = self.left_out.iter().max_by(|a, b| a.1.total_cmp(&b.1));
-        let worst = worst.map(|(name, rms)| {
+        let worst = worst.map(|(name, far)| {
             format!(
-                "; of the {} left out `{name}` is described worst, {rms:.3} {unit} away",
+                "; of the {} left out `{name}` is described worst, {far:.3} {unit} off at its worst vertex",
                 self.left_out.len()
             )
         });
@@ -205,7 +222,7 @@ impl Inputs {
         let name = |i: usize| units[i].name.clone();
         let others = (0..units.len()).filter(|i| !choice.chosen.contains(i));
         Ok(Some(ChosenBasis {
-            left_out: others.map(|i| (name(i), choice.residual_rms[i])).collect(),
+            left_out: others.map(|i| (name(i), choice.residual_max[i])).collect(),
             basis: choice.chosen.iter().copied().map(name).collect(),
         }))
     }
@@ -393,7 +410,7 @@ mod tests {
                 0.0,
             )
             .unwrap();
-        assert!((chosen.left_out[0].1 - fit.residual_rms).abs() < 1e-12);
+        assert!((chosen.left_out[0].1 - fit.residual_max).abs() < 1e-12);
         let folder = tempfile::tempdir().unwrap();
         let rig = crate::rig::Rig::default();
         let run =

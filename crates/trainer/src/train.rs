@@ -6,7 +6,7 @@ use crate::error::{Result, TrainerError};
 use crate::evaluate::{self, Evaluator, ShapeResult};
 use crate::files::create_folder;
 use crate::hanging::Hanging;
-use crate::progress::{Phase, stop_requested};
+use crate::progress::{Phase, note, stop_requested};
 use crate::rig::Rig;
 use crate::run::{Metrics, Run};
 use crate::scene::Scene;
@@ -166,6 +166,19 @@ fn tell_bones(body: &Body, rig: &Rig, unit: &str) {
         "bones",
         names.join(", ")
     );
+    let on_bone = body.vertices_on_bone();
+    if let Some(&first) = on_bone.first() {
+        let place = body.surface.vertices()[first];
+        note(&format!(
+            "{} of {} vertices of the surface cannot move by themselves, as vertex {first} at ({:.3}, {:.3}, {:.3}): bones hold all that is under \
+             them. Smaller elements put flesh between",
+            on_bone.len(),
+            body.surface.vertex_count(),
+            place.x,
+            place.y,
+            place.z
+        ));
+    }
     if let Some(jaw) = &rig.jaw {
         let [x, y, z] = jaw.pivot;
         eprintln!(

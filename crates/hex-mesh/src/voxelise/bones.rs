@@ -1,6 +1,5 @@
 //! Cells inside bones, and the nodes that bones hold.
 
-use rayon::prelude::*;
 use surface_mesh::Surface;
 
 use super::candidates::{Candidates, NONE};
@@ -23,29 +22,80 @@ pub(crate) fn check_bones(bones: &[Surface]) -> Result<(), HexMeshError> {
     Ok(())
 }
 
-/// The bone in which each candidate's centre lies, the first among several, or [`NONE`]. With `cover`, candidates beside which the body
-/// ends are in no bone.
-pub(crate) fn bones_of(
-    candidates: &Candidates,
-    bones: &[Surface],
-    grid: &CellGrid,
-    cover: bool,
-) -> Vec<u32> {
-    let votes = votes(&grid.centres(), bones);
-    let bone_of = |cell: u32| {
-        if cover && is_outermost(cell as usize, candidates, grid) {
-            return NONE;
+/// Which bone each lattice point lies in.
+pub(crate) struct BonePoints {
+    /// The first bone around each point, or [`NONE`]; empty without bones.
+    bone_at: Vec<u32>,
+    /// Points in more than one bone.
+    pub shared: usize,
+    count: usize,
+}
+
+impl BonePoints {
+    /// Casts rays along the lattice through every bone.
+    pub fn new(bones: &[Surface], grid: &CellGrid) -> Self {
+        let lattice = PointGrid {
+            first: grid.corner(grid.first_cell),
+            spacing: grid.size,
+            counts: grid.counts.map(|n| n + 1),
+        };
+        let points = lattice.counts.iter().product::<usize>();
+        let mut found = Self {
+            bone_at: vec![NONE; if bones.is_empty() { 0 } else { points }],
+            shared: 0,
+            count: bones.len(),
+        };
+        let mut is_shared = vec![false; found.bone_at.len()];
+        for (bone, surface) in (0..).zip(bones) {
+            let votes = InsideVotes::new(&lattice, surface.vertices(), surface.triangles());
+            for (point, own) in found.bone_at.iter_mut().enumerate() {
+                if !votes.is_inside(point) {
+                } else if *own == NONE {
+                    *own = bone;
+                } else {
+                    is_shared[point] = true;
+                }
+            }
         }
-        let bone = votes
-            .iter()
-            .position(|votes| votes.is_inside(cell as usize));
-        bone.map_or(NONE, |bone| bone as u32)
-    };
-    candidates
-        .list
-        .iter()
-        .map(|candidate| bone_of(candidate.cell))
-        .collect()
+        found.shared = is_shared.into_iter().filter(|&shared| shared).count();
+        found
+    }
+
+    fn at(&self, point: u32) -> u32 {
+        self.bone_at.get(point as usize).copied().unwrap_or(NONE)
+    }
+
+    /// The bone in which all corners of each candidate's cell lie, or [`NONE`]. With `cover`, candidates beside which the body ends are
+    /// in no bone.
+    pub fn of_candidates(
+        &self,
+        candidates: &Candidates,
+        corners: &Corners,
+        grid: &CellGrid,
+        cover: bool,
+    ) -> Vec<u32> {
+        let bone_of = |cell: u32| {
+            let [first, others @ ..] = corners.points(cell).map(|point| self.at(point));
+            let is_whole = first != NONE && others.iter().all(|&other| other == first);
+            match is_whole && !(cover && is_outermost(cell as usize, candidates, grid)) {
+                true => first,
+                false => NONE,
+            }
+        };
+        let cells = candidates.list.iter().map(|candidate| candidate.cell);
+        cells.map(bone_of).collect()
+    }
+
+    /// The nodes of each bone, by rising index: those inside it.
+    pub fn nodes(&self, numbered: &NumberedParts) -> Vec<Vec<u32>> {
+        let mut nodes = vec![Vec::new(); self.count];
+        for (node, &point) in (0..).zip(&numbered.points) {
+            if let Some(own) = nodes.get_mut(self.at(point) as usize) {
+                own.push(node);
+            }
+        }
+        nodes
+    }
 }
 
 /// Whether one of the 26 cells around a cell is none of the body's.
@@ -65,51 +115,4 @@ fn is_outermost(cell: usize, candidates: &Candidates, grid: &CellGrid) -> bool {
         Some(index)
     };
     (0..27).any(|offset| around(offset).is_none_or(|cell| !candidates.has(cell)))
-}
-
-/// The nodes of each bone, by rising index: the corners of the candidates that lie in it, and the nodes inside it. A node of several
-/// bones goes to the one with most of these candidates around it, and that it is inside of counts as nine; the first among equals.
-pub(crate) fn bone_nodes(
-    bone_of: &[u32],
-    bones: &[Surface],
-    candidates: &Candidates,
-    corners: &Corners,
-    numbered: &NumberedParts,
-    grid: &CellGrid,
-) -> Vec<Vec<u32>> {
-    let mut claims: Vec<(u32, u32)> = Vec::new();
-    for (candidate, &bone) in candidates.list.iter().zip(bone_of) {
-        if bone != NONE {
-            let nodes = (0..8).filter_map(|corner| numbered.find(*candidate, corner, corners));
-            claims.extend(nodes.map(|node| (node, bone)));
-        }
-    }
-    let lattice = PointGrid {
-        first: grid.corner(grid.first_cell),
-        spacing: grid.size,
-        counts: grid.counts.map(|n| n + 1),
-    };
-    // More than all the cells around a node.
-    const INSIDE: usize = 9;
-    for (bone, votes) in (0..).zip(votes(&lattice, bones)) {
-        let nodes = (0..).zip(&numbered.points);
-        let inside = nodes.filter(|(_, point)| votes.is_inside(**point as usize));
-        claims.extend(inside.flat_map(|(node, _)| [(node, bone); INSIDE]));
-    }
-    claims.par_sort_unstable();
-    let mut nodes = vec![Vec::new(); bones.len()];
-    for claims in claims.chunk_by(|a, b| a.0 == b.0) {
-        let each = claims.chunk_by(|a, b| a == b);
-        // The last of equal maxima is the first bone.
-        if let Some(most) = { each }.rev().max_by_key(|same| same.len()) {
-            let (node, bone) = most[0];
-            nodes[bone as usize].push(node);
-        }
-    }
-    nodes
-}
-
-fn votes(grid: &PointGrid, bones: &[Surface]) -> Vec<InsideVotes> {
-    let votes = |bone: &Surface| InsideVotes::new(grid, bone.vertices(), bone.triangles());
-    bones.iter().map(votes).collect()
 }

@@ -19,7 +19,7 @@ mod thin;
 use nalgebra::Vector3;
 use surface_mesh::Surface;
 
-use bones::{bone_nodes, bones_of, check_bones};
+use bones::{BonePoints, check_bones};
 use candidates::{Candidate, Candidates, NONE};
 use carriers::Parts;
 pub(crate) use closed::check_closed;
@@ -43,8 +43,8 @@ pub struct Voxelised {
     pub mesh: HexMesh,
     /// What was found, and what was left out.
     pub report: VoxelReport,
-    /// For each bone that was given, the nodes that it holds, by rising index: those on the boundary between flesh and the cells that
-    /// were left out for the bone, and those inside the bone. No node is listed twice.
+    /// For each bone that was given, the nodes that it holds, by rising index: those inside it, among them those on the boundary between
+    /// flesh and the cells that were left out for the bone. No node is listed twice.
     pub bone_nodes: Vec<Vec<u32>>,
     /// What lies where within the cells; nothing when cells were not to be split.
     parts: Option<Parts>,
@@ -102,11 +102,11 @@ pub fn voxelise(surface: &Surface, options: &VoxelOptions) -> Result<Voxelised, 
     voxelise_with_bones(surface, &[], options)
 }
 
-/// Like [`voxelise`], without the cells whose centre lies inside one of the closed surfaces `bones` (but see
+/// Like [`voxelise`], without the cells whose corners all lie inside one of the closed surfaces `bones` (but see
 /// [`VoxelOptions::cover_bones`]).
 ///
-/// [`Voxelised::bone_nodes`] lists the nodes that move with each bone. A node of several bones goes to the one that it lies inside of,
-/// else to the one with most of the left-out cells around it, the first among equals. Bones may stick out of the body. Flesh that
+/// [`Voxelised::bone_nodes`] lists the nodes that move with each bone: those inside it, so that no flesh outside of a bone is held. A
+/// node inside of several goes to the first. Bones may stick out of the body. Flesh that
 /// bones cut off is a piece of its own, see [`VoxelOptions::keep`].
 ///
 /// # Errors
@@ -133,7 +133,8 @@ pub fn voxelise_with_bones(
             suggested_size: advice,
         });
     }
-    let bone_of = bones_of(&candidates, bones, &grid, options.cover_bones);
+    let bone_points = BonePoints::new(bones, &grid);
+    let bone_of = bone_points.of_candidates(&candidates, &corners, &grid, options.cover_bones);
     let is_flesh = |candidate: usize| bone_of[candidate] == NONE;
     let pieces = Pieces::new(grid.counts, &candidates, &corners, is_flesh);
     let Some(largest) = pieces.largest() else {
@@ -166,12 +167,13 @@ pub fn voxelise_with_bones(
         dropped: dropped_pieces(&grid, &pieces, kept),
         minority_votes: votes.minority_count(),
         split_cells: in_one_cell.filter(|same| same.len() > 1).count(),
+        shared_points: bone_points.shared,
         bone_elements: bone_of.iter().filter(|&&bone| bone != NONE).count(),
     };
     Ok(Voxelised {
         mesh,
         report,
-        bone_nodes: bone_nodes(&bone_of, bones, &candidates, &corners, &numbered, &grid),
+        bone_nodes: bone_points.nodes(&numbered),
         parts: cut.map(|cut| Parts {
             grid,
             cut,

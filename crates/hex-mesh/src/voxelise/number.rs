@@ -51,14 +51,4 @@ impl NumberedParts {
         }
         *node
     }
-
-    /// The node at a corner of a candidate, be it an element or not; `None` when no element uses it.
-    pub fn find(&self, candidate: Candidate, corner: usize, corners: &Corners) -> Option<u32> {
-        let point = corners.point(candidate.cell, corner);
-        let node = match corners.class(candidate.cell, corner, candidate.part) {
-            0 => self.node_at[point as usize],
-            class => *self.further.get(&(point, class))?,
-        };
-        (node != UNUSED).then_some(node)
-    }
 }

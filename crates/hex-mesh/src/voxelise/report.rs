@@ -41,6 +41,8 @@ pub struct VoxelReport {
     pub split_cells: usize,
     /// Elements that were left out because they lie inside bones.
     pub bone_elements: usize,
+    /// Grid points that lie in more than one bone.
+    pub shared_points: usize,
 }
 
 impl VoxelReport {
@@ -81,6 +83,13 @@ impl fmt::Display for VoxelReport {
         }
         if self.bone_elements > 0 {
             write!(f, "\n{} elements left out for bones", self.bone_elements)?;
+        }
+        if self.shared_points > 0 {
+            write!(
+                f,
+                "\n{} grid points lie in several bones, which overlap there: the first one has them",
+                self.shared_points
+            )?;
         }
         self.fmt_dropped(f)
     }

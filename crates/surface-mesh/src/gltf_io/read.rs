@@ -27,7 +27,7 @@ const MOST_BYTES_PER_BYTE: u64 = 1024;
 /// - Target names come from `mesh.extras.targetNames`; without it they are `target_0`, `target_1`, ..
 /// - The world transform of the node that uses the mesh is applied to positions, and its linear part to deltas; a mirroring
 ///   transform also turns the triangles, as glTF asks.
-/// - Coordinates are 32-bit floats in the file and exact here.
+/// - Coordinates are 32-bit floats in the file and exact here; the unit that the file may name is only told.
 ///
 /// # Errors
 /// [`SurfaceError::Read`], or [`SurfaceError::Gltf`] for damaged files, several meshes, primitives other than triangle
@@ -68,7 +68,9 @@ fn parse(bytes: &[u8], folder: &Path) -> Result<MorphedSurface, GltfProblem> {
     if let Some(placement) = placement(&root, Index::new(0))? {
         joined.place(&placement)?;
     }
-    joined.finish(mesh)
+    let mut morphed = joined.finish(mesh)?;
+    morphed.unit = stated_unit(mesh.extras.as_ref()).or(stated_unit(root.asset.extras.as_ref()));
+    Ok(morphed)
 }
 
 /// The two halves of a GLB file; a `.gltf` file is JSON only.
@@ -372,7 +374,11 @@ impl Joined {
         let targets = (names.into_iter().zip(self.deltas))
             .map(|(name, deltas)| MorphTarget { name, deltas })
             .collect();
-        Ok(MorphedSurface { surface, targets })
+        Ok(MorphedSurface {
+            surface,
+            targets,
+            unit: None,
+        })
     }
 }
 
@@ -380,6 +386,16 @@ impl Joined {
 struct MeshExtras {
     #[serde(rename = "targetNames")]
     target_names: Vec<String>,
+}
+
+/// The entry `units` of extras, where it is a text.
+fn stated_unit(extras: Option<&Box<serde_json::value::RawValue>>) -> Option<String> {
+    #[derive(serde::Deserialize)]
+    struct Extras {
+        units: String,
+    }
+    let extras = serde_json::from_str::<Extras>(extras?.get()).ok()?;
+    Some(extras.units)
 }
 
 fn target_names(mesh: &Mesh, targets: usize) -> Result<Vec<String>, GltfProblem> {
