@@ -18,7 +18,7 @@ pub use gltf_io::{
 };
 pub use morph::{MorphTarget, MorphedSurface};
 pub use normals::{vertex_normals, vertex_normals_vjp};
-pub use obj::{ObjProblem, read_obj, write_obj};
+pub use obj::{ObjProblem, parse_obj, read_obj, write_obj};
 pub use ply::{PlyAttributes, write_ply};
 pub use read::read_surface;
 pub use report::{Component, Edge, SurfaceReport, report};

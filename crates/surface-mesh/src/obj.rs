@@ -5,5 +5,5 @@ mod read;
 mod write;
 
 pub use problem::ObjProblem;
-pub use read::read_obj;
+pub use read::{parse_obj, read_obj};
 pub use write::write_obj;

@@ -6,7 +6,7 @@ use std::path::PathBuf;
 use nalgebra::Vector3;
 use proptest::prelude::*;
 use surface_mesh::{
-    ObjProblem, Surface, SurfaceError, primitives, read_obj, read_surface, write_obj,
+    ObjProblem, Surface, SurfaceError, parse_obj, primitives, read_obj, read_surface, write_obj,
 };
 use tempfile::TempDir;
 
@@ -291,4 +291,21 @@ proptest! {
     fn arbitrary_statements_never_panic(text in "([vf#g\\\\ \r\n/.0-9-]|nan|1e9){0,200}") {
         let _ = read(text);
     }
+}
+
+#[test]
+fn content_at_hand_reads_as_the_file_does() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.obj");
+    let text = b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n";
+    std::fs::write(&path, text).unwrap();
+    assert_eq!(
+        parse_obj(text, "not/there.obj").unwrap(),
+        read_obj(&path).unwrap()
+    );
+    let error = parse_obj(b"v 0 0\n", "archive.zip/b.obj").unwrap_err();
+    assert!(
+        error.to_string().starts_with("archive.zip/b.obj:1: "),
+        "{error}"
+    );
 }

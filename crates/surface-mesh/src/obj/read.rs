@@ -21,8 +21,16 @@ pub fn read_obj(path: impl AsRef<Path>) -> Result<Surface, SurfaceError> {
         path: path.into(),
         cause,
     })?;
-    parse(&text).map_err(|(line, problem)| SurfaceError::Obj {
-        path: path.into(),
+    parse_obj(&text, path)
+}
+
+/// As [`read_obj`], from the content of a file that is at hand already, say from an archive; `path` is what errors call it.
+///
+/// # Errors
+/// [`SurfaceError::Obj`] with the line.
+pub fn parse_obj(text: &[u8], path: impl AsRef<Path>) -> Result<Surface, SurfaceError> {
+    parse(text).map_err(|(line, problem)| SurfaceError::Obj {
+        path: path.as_ref().into(),
         line,
         problem,
     })
