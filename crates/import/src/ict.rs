@@ -109,7 +109,7 @@ const SHORTEST_DELTA: f64 = 5e-4;
 const JAW_AT_REST: f64 = 0.01;
 
 /// Imports a clone (or a zip file of it) into `out/face_ict`, in centimetres: `neutral_skin.obj` with the cut through the chest closed,
-/// `train_units.glb`, `teeth_upper.obj`, `teeth_lower.obj`, `gums_tongue.obj`, `eye_left.obj`, `eye_right.obj`, `jaw.json` and
+/// `train_units.glb`, `teeth_upper.obj`, `teeth_lower.obj`, `gums_tongue.obj`, `eye_left.obj`, `eye_right.obj`, `jaw_train.json` and
 /// `LICENSE-ICT-FaceKit.txt`. The source has neither skull nor mandible.
 ///
 /// # Errors
@@ -162,7 +162,7 @@ pub fn import_ict_facekit(place: &Path, out: &Path, layout: &IctLayout) -> Resul
     };
     staging.obj("neutral_skin.obj", &surface)?;
     staging.glb("train_units.glb", &surface, targets)?;
-    staging.json("jaw.json", &jaw_json(&summary.jaw, "cm"))?;
+    staging.json("jaw_train.json", &jaw_json(&summary.jaw, "cm"))?;
     staging.bytes("LICENSE-ICT-FaceKit.txt", &source.read(LICENCE)?)?;
     staging.finish()?;
     Ok(summary)

@@ -76,7 +76,7 @@ pub fn jaw_motion(
     Ok(moves.then_some(fit))
 }
 
-/// The content of `jaw.json`, as a scene's `jaw.motions` takes it: per unit the rotation row by row, the translation and the root mean
+/// The content of `jaw_train.json`, as a scene's `jaw.motions` takes it: per unit the rotation row by row, the translation and the root mean
 /// square of the residual, with the length unit in their keys.
 pub fn jaw_json(motions: &JawMotions, unit: &str) -> Value {
     let entries = motions.iter().map(|(name, fit)| {

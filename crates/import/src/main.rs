@@ -56,7 +56,7 @@ fn run(source: SourceKind) -> Result<()> {
             println!(
                 "  bones    none in this source: upper and lower teeth can stand for skull and mandible"
             );
-            next("face_ict-imported", &face.folder);
+            next("face_ict-teeth", &face.folder);
         }
         SourceKind::Makehuman(Places { place, out }) => {
             let (face, body) = import_makehuman(&place, &out, &Makehuman::default())?;
@@ -65,8 +65,8 @@ fn run(source: SourceKind) -> Result<()> {
                 "  bones    none in this source: upper and lower teeth can stand for skull and mandible"
             );
             print!("{body}");
-            next("face_makehuman-imported", &face.folder);
-            next("body_makehuman-imported", &body.folder);
+            next("face_makehuman-quick", &face.folder);
+            next("body-quick", &body.folder);
         }
     }
     Ok(())

@@ -42,7 +42,7 @@ const LICENCE_COPY: &str = "LICENSE-CC0-MakeHuman-assets.md";
 ///
 /// The neutral is a young adult: the mean of the female and the male one, and of the African, the Asian and the Caucasian one. The face
 /// holds `neutral_head.obj` closed at the neck, `train_units.glb`, `teeth_upper.obj`, `teeth_lower.obj`, `tongue.obj`, `eye_l.obj`,
-/// `eye_r.obj`, `jaw.json`, `head_vertex_ids.json` (which vertices of the body its vertices are) and the licence; the body holds
+/// `eye_r.obj`, `jaw_train.json`, `head_vertex_ids.json` (which vertices of the body its vertices are) and the licence; the body holds
 /// `neutral_body.obj`, `train_poses.glb` (linear blend skinning with the default rig), `skeleton_train.json` and the licence.
 ///
 /// # Errors

@@ -109,7 +109,7 @@ fn a_clone_becomes_a_face() {
             "eye_left.obj",
             "eye_right.obj",
             "gums_tongue.obj",
-            "jaw.json",
+            "jaw_train.json",
             "neutral_skin.obj",
             "teeth_lower.obj",
             "teeth_upper.obj",

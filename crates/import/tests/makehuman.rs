@@ -184,7 +184,7 @@ fn a_package_becomes_a_face() {
             "eye_l.obj",
             "eye_r.obj",
             "head_vertex_ids.json",
-            "jaw.json",
+            "jaw_train.json",
             "neutral_head.obj",
             "teeth_lower.obj",
             "teeth_upper.obj",

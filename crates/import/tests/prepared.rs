@@ -118,7 +118,7 @@ fn the_wheel_gives_the_prepared_face_and_body() {
         json(found("head_vertex_ids.json")),
         json(face.join("head_vertex_ids.json"))
     );
-    let jaw = json(found("jaw.json"));
+    let jaw = json(found("jaw_train.json"));
     same_motions(&jaw["unit_jaw"], &json(face.join("jaw_train.json")), "m");
 
     let found = |name: &str| out.path().join("body_makehuman").join(name);
@@ -241,7 +241,7 @@ fn a_stand_in_for_the_clone_gives_the_prepared_face() {
     let units = [found("train_units.glb"), face.join("train_units.glb")];
     let [ours, theirs] = units.map(|path| read_surface(path).unwrap());
     assert_eq!(same_targets(&ours, &theirs, 1e-7), [""; 0]);
-    let jaw = json(found("jaw.json"));
+    let jaw = json(found("jaw_train.json"));
     let expected = json(face.join("train_frames.json"));
     same_motions(&jaw["unit_jaw"], &expected["unit_jaw"], "cm");
     let names = |value: &Value| -> BTreeMap<String, Value> {

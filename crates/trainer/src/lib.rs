@@ -20,6 +20,7 @@ pub mod files;
 mod fixture;
 pub mod frames;
 pub mod hanging;
+mod inversion;
 pub mod loss;
 mod matching;
 pub mod npy;

@@ -1,6 +1,8 @@
 //! The loss on the embedded surface (supplement, 10.3): positions, and normals where wanted.
 
 use crate::body::Body;
+use crate::inversion::add_inversion;
+use crate::scene::LossSettings;
 use nalgebra::Vector3;
 use surface_mesh::{vertex_normals, vertex_normals_vjp};
 
@@ -12,11 +14,13 @@ pub struct Loss<'a> {
     body: &'a Body,
     target: &'a [Vector3<f64>],
     normals: Option<(f64, Vec<Vector3<f64>>)>,
+    inversion_weight: f64,
 }
 
 impl<'a> Loss<'a> {
-    /// The loss against one target shape; `normal_weight` is alpha.
-    pub fn new(body: &'a Body, target: &'a [Vector3<f64>], normal_weight: f64) -> Self {
+    /// The loss against one target shape.
+    pub fn new(body: &'a Body, target: &'a [Vector3<f64>], settings: &LossSettings) -> Self {
+        let normal_weight = settings.normal_weight;
         let normals = (normal_weight > 0.0).then(|| {
             (
                 normal_weight,
@@ -27,6 +31,7 @@ impl<'a> Loss<'a> {
             body,
             target,
             normals,
+            inversion_weight: settings.inversion_weight,
         }
     }
 
@@ -57,12 +62,16 @@ impl<'a> Loss<'a> {
         (value, gradient)
     }
 
-    /// Value and gradient by the nodes.
+    /// Value and gradient by the nodes: the loss on the surface, and what inverted material costs.
     pub fn nodes(&self, nodes: &[Vector3<f64>]) -> (f64, Vec<Vector3<f64>>) {
-        let (value, surface_bar) = self.surface(&self.body.surface_positions(nodes));
+        let (mut value, surface_bar) = self.surface(&self.body.surface_positions(nodes));
         let mut node_bar = vec![Vector3::zeros(); nodes.len()];
         let embedding = &self.body.embedding;
         embedding.transpose_into(&surface_bar, &mut node_bar);
+        if self.inversion_weight > 0.0 {
+            let scale = self.inversion_weight / (UNIT * self.body.diagonal).powi(3);
+            value += add_inversion(&self.body.mesh, nodes, scale, &mut node_bar);
+        }
         (value, node_bar)
     }
 }
@@ -104,7 +113,12 @@ mod tests {
             .map(wave(1.3))
             .collect();
         for alpha in [0.0, 1.0] {
-            let loss = Loss::new(&body, &target, alpha);
+            let settings = LossSettings {
+                normal_weight: alpha,
+                inversion_weight: alpha,
+                ..LossSettings::default()
+            };
+            let loss = Loss::new(&body, &target, &settings);
             let (_, gradient) = loss.nodes(&nodes);
             let direction: Vec<_> = (0..nodes.len())
                 .map(|i| Vector3::new((i as f64).cos(), (i as f64 * 0.3).sin(), 0.5))

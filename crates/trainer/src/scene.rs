@@ -172,6 +172,10 @@ pub struct LossSettings {
     /// does not do yet.
     #[serde(default = "default_jaw_weight")]
     pub jaw_weight: f64,
+    /// Weight of material squeezed to less than a tenth of its volume or turned inside out: of its volume, in cubes of the unit of the
+    /// surface's distances, times the square of how far its share of volume is below a tenth. 0 lets it be.
+    #[serde(default)]
+    pub inversion_weight: f64,
     /// Parts of the surface that count less or more than their area, or not at all. A vertex of several takes their product.
     #[serde(default)]
     pub weights: Vec<LossPart>,
@@ -182,6 +186,7 @@ impl Default for LossSettings {
         Self {
             normal_weight: 0.0,
             jaw_weight: default_jaw_weight(),
+            inversion_weight: 0.0,
             weights: Vec::new(),
         }
     }
@@ -350,6 +355,7 @@ impl Scene {
         let not_negative = [
             ("loss.normal_weight", self.loss.normal_weight),
             ("loss.jaw_weight", self.loss.jaw_weight),
+            ("loss.inversion_weight", self.loss.inversion_weight),
             ("stage1.learning_rate", self.stage1.learning_rate),
             ("stage2.blend_weight", self.stage2.blend_weight),
             ("stage2.learning_rate", self.stage2.learning_rate),

@@ -21,6 +21,10 @@ use rand::Rng;
 /// What an error of the joint counts beside one of the actuation: with 1, the jaw lags behind the flesh.
 const JOINT_WEIGHT: f64 = 10.0;
 
+/// The shortest that an actuation of stage 1 wants material to be. Where the pulled body is squeezed flat or turned inside out, its own
+/// stretch would have the network want that too.
+const LEAST_STRETCH: f64 = 0.2;
+
 /// `weight` times the squared error of the joint's answer and its derivative; nothing where no answer is known.
 fn joint_misfit(
     answer: &[f32; JOINT_SIZE],
@@ -80,7 +84,7 @@ pub fn pull(
         }
         let gradients = deformation_gradients(&body.mesh, &solution.positions);
         let stretch = |f: &Matrix3<f64>| {
-            let s = polar_grad::polar(f).stretch - Matrix3::identity();
+            let s = at_least(&polar_grad::polar(f).stretch, LEAST_STRETCH) - Matrix3::identity();
             polar_grad::symmetric_entries(&s).map(|x| x as f32)
         };
         all.push(Pulled {
@@ -96,6 +100,16 @@ pub fn pull(
     }
     phase.finish(&word);
     Ok(all)
+}
+
+/// A symmetric matrix whose eigenvalues below `least` are raised to it.
+fn at_least(s: &Matrix3<f64>, least: f64) -> Matrix3<f64> {
+    if s.symmetric_eigenvalues().min() >= least {
+        return *s;
+    }
+    let mut eigen = s.symmetric_eigen();
+    eigen.eigenvalues.apply(|x| *x = x.max(least));
+    eigen.recompose()
 }
 
 /// Elasticity and prescribed nodes of the scene, and a spring at every surface vertex.
@@ -394,6 +408,15 @@ mod tests {
                 }
             }
         }
+    }
+
+    #[test]
+    fn flattened_material_wants_to_be_flat_no_more() {
+        let turn = nalgebra::Rotation3::from_euler_angles(0.3, -0.5, 1.1);
+        let with = |x: [f64; 3]| turn * Matrix3::from_diagonal(&x.into()) * turn.transpose();
+        let (flat, open) = (with([-0.3, 0.05, 1.7]), with([0.25, 0.9, 1.7]));
+        assert!((at_least(&flat, 0.2) - with([0.2, 0.2, 1.7])).norm() < 1e-12);
+        assert_eq!(at_least(&open, 0.2), open);
     }
 
     #[test]

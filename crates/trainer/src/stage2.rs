@@ -101,7 +101,7 @@ impl ThroughSimulator<'_> {
             return Ok(Outcome::Dropped(reason));
         }
         let target = &self.shapes[shape].positions;
-        let loss = Loss::new(self.body, target, self.scene.loss.normal_weight);
+        let loss = Loss::new(self.body, target, &self.scene.loss);
         let (mut value, node_bar) = loss.nodes(&solution.positions);
         let options = AdjointOptions {
             tolerance: settings.adjoint_tolerance,

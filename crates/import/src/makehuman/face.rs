@@ -65,7 +65,7 @@ pub fn write(assets: &mut Assets, head_cut: f64, folder: &Staging) -> Result<Fac
     };
     folder.obj("neutral_head.obj", &closed.surface)?;
     folder.glb("train_units.glb", &closed.surface, targets)?;
-    folder.json("jaw.json", &jaw_json(&summary.jaw, "m"))?;
+    folder.json("jaw_train.json", &jaw_json(&summary.jaw, "m"))?;
     folder.compact_json("head_vertex_ids.json", &json!({ "body_vertex_ids": ids }))?;
     Ok(summary)
 }
