@@ -8,9 +8,11 @@ use crate::body::Body;
 use crate::draw;
 use crate::error::Result;
 use crate::hanging::Hanging;
+use crate::loss::distances;
 use crate::progress::Phase;
 use crate::scene::{Scene, Stage1};
 use crate::shapes::Shape;
+use crate::table::mean_of;
 use actuation_net::{ActuationNet, Adam, AdamState, JOINT_SIZE, OutputCotangent};
 use nalgebra::{Matrix3, Vector3};
 use pd_solver::{
@@ -68,7 +70,7 @@ pub fn pull(
     let hanging = Hanging::new(body, &solver);
     let options = SolveOptions::new(Stop::Accuracy(scene.stage2.accuracy * body.diagonal));
     let mut phase = Phase::new("targets", shapes.len() as u64, 0);
-    let mut loose = Vec::new();
+    let (mut loose, mut left) = (Vec::new(), Vec::new());
     let mut all = Vec::new();
     for shape in shapes {
         between()?;
@@ -82,6 +84,8 @@ pub fn pull(
         if solution.status != Status::Converged {
             loose.push(shape.name.as_str());
         }
+        let reached = body.surface_positions(&solution.positions);
+        left.push(distances(&reached, &shape.positions).0);
         let gradients = deformation_gradients(&body.mesh, &solution.positions);
         let stretch = |f: &Matrix3<f64>| {
             let s = at_least(&polar_grad::polar(f).stretch, LEAST_STRETCH) - Matrix3::identity();
@@ -94,7 +98,11 @@ pub fn pull(
         });
         phase.step(|| shape.name.clone());
     }
-    let mut word = format!("{} shapes pulled into place", shapes.len());
+    let left = 100.0 * mean_of(left.into_iter()) / body.diagonal;
+    let mut word = format!(
+        "{} shapes pulled into place, to {left:.3} % of the diagonal in the mean",
+        shapes.len()
+    );
     if !loose.is_empty() {
         word += &format!("; not to the accuracy asked: {}", loose.join(", "));
     }
