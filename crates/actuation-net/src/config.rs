@@ -95,18 +95,7 @@ impl NetworkConfig {
     /// # Errors
     /// [`Error::DescriptorSize`], [`Error::LatentSize`] or [`Error::Omega`].
     pub fn validate(&self) -> Result<(), Error> {
-        if !(1..=MAX_DESCRIPTOR).contains(&self.descriptor) {
-            return Err(Error::DescriptorSize {
-                found: self.descriptor,
-                largest: MAX_DESCRIPTOR,
-            });
-        }
-        if !(1..=MAX_LATENT).contains(&self.latent) {
-            return Err(Error::LatentSize {
-                found: self.latent,
-                largest: MAX_LATENT,
-            });
-        }
+        check_code_sizes(self.descriptor, self.latent)?;
         if !(self.omega.is_finite() && self.omega > 0.0) {
             return Err(Error::Omega { found: self.omega });
         }
@@ -117,4 +106,24 @@ impl NetworkConfig {
     pub fn parameter_layout(&self) -> Vec<ParameterTensor> {
         layout::parameter_layout(self)
     }
+}
+
+/// Checks the sizes of a descriptor and of the latent code.
+///
+/// # Errors
+/// [`Error::DescriptorSize`] and [`Error::LatentSize`].
+pub(crate) fn check_code_sizes(descriptor: usize, latent: usize) -> Result<(), Error> {
+    if !(1..=MAX_DESCRIPTOR).contains(&descriptor) {
+        return Err(Error::DescriptorSize {
+            found: descriptor,
+            largest: MAX_DESCRIPTOR,
+        });
+    }
+    if !(1..=MAX_LATENT).contains(&latent) {
+        return Err(Error::LatentSize {
+            found: latent,
+            largest: MAX_LATENT,
+        });
+    }
+    Ok(())
 }

@@ -27,6 +27,22 @@ pub enum Error {
         /// The largest size allowed.
         largest: usize,
     },
+    /// The width of an explicit decoder is out of range.
+    #[error("decoder width {found} is out of range: use 1 to {largest}")]
+    DecoderWidth {
+        /// The width asked for.
+        found: usize,
+        /// The largest width allowed.
+        largest: usize,
+    },
+    /// The number of elements of an explicit decoder is out of range.
+    #[error("a decoder for {found} elements cannot be made: use 1 to {largest}")]
+    ElementCount {
+        /// The number asked for.
+        found: usize,
+        /// The largest number allowed.
+        largest: usize,
+    },
     /// The sine frequency is not a positive number.
     #[error("sine frequency omega = {found} must be positive and finite (30 is usual)")]
     Omega {

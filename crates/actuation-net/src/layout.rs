@@ -5,7 +5,7 @@ use std::ops::Range;
 use dfdx::prelude::{Cpu, SampleTensor};
 use rand_distr::Uniform;
 
-use crate::{ACTUATION_SIZE, JOINT_SIZE, NetworkConfig};
+use crate::{ACTUATION_SIZE, DecoderConfig, JOINT_SIZE, NetworkConfig};
 
 /// Number of modulated sine layers.
 pub(crate) const SINE_LAYERS: usize = 4;
@@ -23,6 +23,8 @@ const SMALL: f32 = 0.01;
 /// `encoder.{0,1,2}.{weight,bias}` (`[64,d]`, `[64,64]`, `[z,64]`), then for each of the four sine layers with `n` inputs
 /// `sine.{0..3}.weight` `[W,n]`, `.bias` `[W]`, `.modulation.weight` `[n,z]`, `.modulation.bias` `[n]`, then
 /// `head.{weight,bias}` (`[6,W]`), then `joint.{0,1,2}.{weight,bias}` (`[32,z]`, `[32,32]`, `[5,32]`).
+/// Those of an [`crate::ExplicitDecoder`] of `e` elements: `encoder` as above, `decoder.{0,1}.{weight,bias}` (`[W,z]`, `[W,W]`),
+/// `joint` as above, and `head.{weight,bias}` (`[6e,W]`).
 /// Matrices are row-major, `[outputs, inputs]`.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ParameterTensor {
@@ -54,20 +56,25 @@ pub(crate) fn parameter_layout(config: &NetworkConfig) -> Vec<ParameterTensor> {
     let (width, latent) = (config.width.size(), config.latent);
     let mut list = List::default();
 
-    let encoder = [config.descriptor, ENCODER_WIDTH, ENCODER_WIDTH, latent];
-    list.dense_stack("encoder", encoder, 1.0);
+    list.encoder(config.descriptor, latent);
     for layer in 0..SINE_LAYERS {
         let inputs = if layer == 0 { 3 } else { width };
         list.sine_layer(layer, inputs, config);
     }
-    list.affine(
-        "head",
-        [ACTUATION_SIZE, width],
-        SMALL * he_bound(width),
-        0.0,
-    );
-    let joint = [latent, JOINT_WIDTH, JOINT_WIDTH, JOINT_SIZE];
-    list.dense_stack("joint", joint, SMALL);
+    list.head(ACTUATION_SIZE, width);
+    list.joint(latent);
+    list.tensors
+}
+
+/// The parameters of a valid decoder, in flat order: the head, far the largest part, comes last.
+pub(crate) fn decoder_layout(config: &DecoderConfig) -> Vec<ParameterTensor> {
+    let (width, latent) = (config.width, config.latent);
+    let mut list = List::default();
+    list.encoder(config.descriptor, latent);
+    list.dense("decoder.0", [width, latent], 1.0);
+    list.dense("decoder.1", [width, width], 1.0);
+    list.joint(latent);
+    list.head(ACTUATION_SIZE * config.elements, width);
     list.tensors
 }
 
@@ -110,15 +117,33 @@ impl List {
     /// Three fully connected layers; `last_scale` shrinks the last one.
     fn dense_stack(&mut self, name: &str, sizes: [usize; 4], last_scale: f32) {
         for layer in 0..3 {
-            let (inputs, outputs) = (sizes[layer], sizes[layer + 1]);
             let scale = if layer == 2 { last_scale } else { 1.0 };
-            self.affine(
-                &format!("{name}.{layer}"),
-                [outputs, inputs],
-                scale * he_bound(inputs),
-                scale / (inputs as f32).sqrt(),
-            );
+            let shape = [sizes[layer + 1], sizes[layer]];
+            self.dense(&format!("{name}.{layer}"), shape, scale);
         }
+    }
+
+    /// A fully connected layer, `[outputs, inputs]`, whose initial values are `scale` times those of He et al. 2015.
+    fn dense(&mut self, name: &str, shape: [usize; 2], scale: f32) {
+        let inputs = shape[1];
+        let bias_bound = scale / (inputs as f32).sqrt();
+        self.affine(name, shape, scale * he_bound(inputs), bias_bound);
+    }
+
+    fn encoder(&mut self, descriptor: usize, latent: usize) {
+        let sizes = [descriptor, ENCODER_WIDTH, ENCODER_WIDTH, latent];
+        self.dense_stack("encoder", sizes, 1.0);
+    }
+
+    fn joint(&mut self, latent: usize) {
+        let sizes = [latent, JOINT_WIDTH, JOINT_WIDTH, JOINT_SIZE];
+        self.dense_stack("joint", sizes, SMALL);
+    }
+
+    /// The layer that gives actuations.
+    fn head(&mut self, outputs: usize, width: usize) {
+        let bound = SMALL * he_bound(width);
+        self.affine("head", [outputs, width], bound, 0.0);
     }
 
     /// Initial ranges of Sitzmann et al. 2020. Their frequency multiplies the bias too, ours does not, so the bias's range is

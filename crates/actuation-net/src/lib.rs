@@ -23,11 +23,15 @@
 //! # }
 //! ```
 //!
+//! [`ExplicitDecoder`] is what the field is compared with: encoder and bone network are the same, but fully connected layers give the
+//! actuation of all elements of one grid at once.
+//!
 //! Results are the same bit for bit for every number of threads on one kind of processor; another instruction set
 //! (see [`instruction_set`]) rounds differently.
 
 mod adam;
 mod config;
+mod decoder;
 mod error;
 mod field;
 mod kernel;
@@ -40,6 +44,7 @@ mod weights;
 
 pub use adam::{Adam, AdamState};
 pub use config::{NetworkConfig, Width};
+pub use decoder::{DecoderConfig, ExplicitDecoder, TracedDecoder};
 pub use error::Error;
 pub use kernel::instruction_set;
 pub use layout::ParameterTensor;

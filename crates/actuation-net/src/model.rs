@@ -56,14 +56,7 @@ where
 {
     /// `parameters` must follow `layout`.
     pub fn new(config: &NetworkConfig, layout: &[ParameterTensor], parameters: &[E]) -> Self {
-        let mut reader = Reader {
-            layout: layout.iter(),
-            parameters,
-            device: Cpu::default(),
-            leaves: Leaves {
-                entries: Vec::new(),
-            },
-        };
+        let mut reader = Reader::new(layout, parameters);
         let encoder = std::array::from_fn(|_| reader.affine());
         let sine = std::array::from_fn(|_| SineLayer {
             affine: reader.affine(),
@@ -75,7 +68,7 @@ where
             sine,
             head: reader.affine(),
             joint: std::array::from_fn(|_| reader.affine()),
-            leaves: reader.leaves,
+            leaves: reader.into_leaves(),
         }
     }
 
@@ -118,12 +111,22 @@ impl<E: Dtype> Affine<E>
 where
     Cpu: Device<E>,
 {
-    fn forward<T: Tape<E, Cpu>>(&self, x: Vector<E, T>) -> Result<Vector<E, T>, CpuError> {
+    /// `weight x + bias`.
+    pub fn forward<T: Tape<E, Cpu>>(&self, x: Vector<E, T>) -> Result<Vector<E, T>, CpuError> {
         let transposed = self.weight.clone().try_permute::<_, Axes2<1, 0>>()?;
         x.try_matmul(transposed)?.try_add(self.bias.clone())
     }
 
-    /// The same for every row of `x`.
+    /// The same, and a leaky rectifier.
+    pub fn forward_rectified<T: Tape<E, Cpu>>(
+        &self,
+        x: Vector<E, T>,
+    ) -> Result<Vector<E, T>, CpuError> {
+        let leak = E::from_f64(LEAK).expect("every float takes the leak");
+        self.forward(x)?.try_prelu(leak)
+    }
+
+    /// The same as `forward` for every row of `x`.
     fn forward_rows<T: Tape<E, Cpu>>(&self, x: Matrix<E, T>) -> Result<Matrix<E, T>, CpuError> {
         let transposed = self.weight.clone().try_permute::<_, Axes2<1, 0>>()?;
         let product = x.try_matmul(transposed)?;
@@ -168,21 +171,20 @@ where
 }
 
 /// Three layers with leaky rectifiers between them.
-fn dense_stack<E: Dtype, T: Tape<E, Cpu>>(
+pub(crate) fn dense_stack<E: Dtype, T: Tape<E, Cpu>>(
     layers: &[Affine<E>; 3],
     x: Vector<E, T>,
 ) -> Result<Vector<E, T>, CpuError>
 where
     Cpu: Device<E>,
 {
-    let leak = E::from_f64(LEAK).expect("every float takes the leak");
-    let h = layers[0].forward(x)?.try_prelu(leak)?;
-    let h = layers[1].forward(h)?.try_prelu(leak)?;
+    let h = layers[0].forward_rectified(x)?;
+    let h = layers[1].forward_rectified(h)?;
     layers[2].forward(h)
 }
 
 /// Turns the flat vector into tensors, in the order of the layout.
-struct Reader<'a, E: Dtype> {
+pub(crate) struct Reader<'a, E: Dtype> {
     layout: std::slice::Iter<'a, ParameterTensor>,
     parameters: &'a [E],
     device: Cpu,
@@ -193,7 +195,20 @@ impl<'a, E: Dtype> Reader<'a, E>
 where
     Cpu: Device<E>,
 {
-    fn affine(&mut self) -> Affine<E> {
+    /// `parameters` must follow `layout`.
+    pub fn new(layout: &'a [ParameterTensor], parameters: &'a [E]) -> Self {
+        Self {
+            layout: layout.iter(),
+            parameters,
+            device: Cpu::default(),
+            leaves: Leaves {
+                entries: Vec::new(),
+            },
+        }
+    }
+
+    /// The next layer.
+    pub fn affine(&mut self) -> Affine<E> {
         let (shape, range) = self.next();
         let values = self.parameters[range].to_vec();
         let weight = self.device.tensor_from_vec(values, (shape[0], shape[1]));
@@ -204,6 +219,11 @@ where
         let bias = self.device.tensor_from_vec(values, (shape[0],));
         self.leaves.entries.push(Leaf::Vector(bias.clone()));
         Affine { weight, bias }
+    }
+
+    /// The tensors read so far.
+    pub fn into_leaves(self) -> Leaves<E> {
+        self.leaves
     }
 
     fn next(&mut self) -> (&'a [usize], Range<usize>) {

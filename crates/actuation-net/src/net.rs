@@ -115,7 +115,7 @@ impl ActuationNet {
     /// # Errors
     /// [`Error::DescriptorLength`] and [`Error::NonFiniteDescriptor`].
     pub fn latent(&self, descriptor: &[f32]) -> Result<Vec<f32>, Error> {
-        check_descriptor(&self.config, descriptor)?;
+        check_descriptor(self.config.descriptor, descriptor)?;
         let (conditioned, _) = self.condition::<NoneTape>(descriptor);
         Ok(conditioned.latent.as_vec())
     }
@@ -126,7 +126,7 @@ impl ActuationNet {
     /// [`Error::DescriptorLength`], [`Error::NonFiniteDescriptor`], [`Error::PointsLength`], [`Error::NonFinitePoint`], and
     /// [`Error::NonFiniteOutput`] if the weights are so large that the output overflows.
     pub fn evaluate(&self, descriptor: &[f32], points: &[f32]) -> Result<Output, Error> {
-        check_descriptor(&self.config, descriptor)?;
+        check_descriptor(self.config.descriptor, descriptor)?;
         check_points(points)?;
         let (conditioned, _) = self.condition::<NoneTape>(descriptor);
         output(&FieldWeights::new(&conditioned.field), &conditioned, points)
@@ -139,7 +139,7 @@ impl ActuationNet {
     /// # Errors
     /// Those of [`ActuationNet::evaluate`].
     pub fn trace<'p>(&self, descriptor: &[f32], points: &'p [f32]) -> Result<Traced<'p>, Error> {
-        check_descriptor(&self.config, descriptor)?;
+        check_descriptor(self.config.descriptor, descriptor)?;
         check_points(points)?;
         let (conditioned, leaves) = self.condition::<OwnedTape<f32, Cpu>>(descriptor);
         let weights = FieldWeights::new(&conditioned.field);
@@ -264,7 +264,11 @@ fn first_non_finite<E: num_traits::Float>(values: &[E]) -> Option<(usize, f64)> 
     Some((index, values[index].to_f64().unwrap_or(f64::NAN)))
 }
 
-fn check_output(output: &'static str, values: &[f32]) -> Result<(), Error> {
+/// The finiteness of one output of a network.
+pub(crate) fn check_output<E: num_traits::Float>(
+    output: &'static str,
+    values: &[E],
+) -> Result<(), Error> {
     match first_non_finite(values) {
         None => Ok(()),
         Some((index, value)) => Err(Error::NonFiniteOutput {
@@ -301,12 +305,12 @@ pub(crate) fn check_parameters<E: num_traits::Float>(
 
 /// The length and finiteness of a descriptor.
 pub(crate) fn check_descriptor<E: num_traits::Float>(
-    config: &NetworkConfig,
+    expected: usize,
     descriptor: &[E],
 ) -> Result<(), Error> {
-    if descriptor.len() != config.descriptor {
+    if descriptor.len() != expected {
         return Err(Error::DescriptorLength {
-            expected: config.descriptor,
+            expected,
             found: descriptor.len(),
         });
     }

@@ -12,7 +12,7 @@ use crate::{
     ParameterTensor,
 };
 
-/// The scalars a [`PlainNet`] computes with: `f32` and `f64`.
+/// The scalars that [`PlainNet`] and [`crate::ExplicitDecoder`] compute with: `f32` and `f64`.
 pub trait Real: Dtype + num_traits::Float + sealed::Sealed {}
 
 impl Real for f32 {}
@@ -66,7 +66,7 @@ where
     /// # Errors
     /// As there, but overflow is not looked for.
     pub fn evaluate(&self, descriptor: &[E], points: &[E]) -> Result<Output<E>, Error> {
-        check_descriptor(&self.config, descriptor)?;
+        check_descriptor(self.config.descriptor, descriptor)?;
         check_points(points)?;
         let device = Cpu::default();
         let model = Model::new(&self.config, &self.layout, &self.parameters);
@@ -95,7 +95,7 @@ where
         points: &[E],
         cotangent: impl FnOnce(&Output<E>) -> OutputCotangent<E>,
     ) -> Result<(Output<E>, Vec<E>), Error> {
-        check_descriptor(&self.config, descriptor)?;
+        check_descriptor(self.config.descriptor, descriptor)?;
         check_points(points)?;
         let device = Cpu::default();
         let model = Model::new(&self.config, &self.layout, &self.parameters);
@@ -135,6 +135,7 @@ where
     }
 }
 
-fn joint_array<E: Copy>(joint: &[E]) -> [E; JOINT_SIZE] {
+/// The joint's values as an array.
+pub(crate) fn joint_array<E: Copy>(joint: &[E]) -> [E; JOINT_SIZE] {
     std::array::from_fn(|i| joint[i])
 }

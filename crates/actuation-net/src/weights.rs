@@ -1,8 +1,13 @@
-//! Networks and optimiser states in and out of [`TensorFile`]s.
+//! Networks, decoders and optimiser states in and out of [`TensorFile`]s.
 
 use std::path::Path;
 
-use crate::{ActuationNet, AdamState, Error, NetworkConfig, TensorFile};
+use serde::Serialize;
+use serde::de::DeserializeOwned;
+
+use crate::{
+    ActuationNet, AdamState, Error, ExplicitDecoder, NetworkConfig, ParameterTensor, TensorFile,
+};
 
 /// Metadata key, behind the prefix, of a network's configuration in JSON.
 const CONFIG_KEY: &str = "config";
@@ -38,13 +43,8 @@ impl ActuationNet {
     ///
     /// The tensors have the names of [`ActuationNet::parameter_layout`], the metadata entry is called `config`.
     pub fn insert_into(&self, file: &mut TensorFile, prefix: &str) {
-        let config = serde_json::to_string(self.config()).expect("a plain struct becomes JSON");
-        file.insert_metadata(format!("{prefix}{CONFIG_KEY}"), config);
-        let parameters = self.parameters();
-        for tensor in self.parameter_layout() {
-            let values = &parameters[tensor.range.clone()];
-            file.insert_f32(format!("{prefix}{}", tensor.name), &tensor.shape, values);
-        }
+        let layout = self.parameter_layout();
+        insert(file, prefix, self.config(), layout, &self.parameters());
     }
 
     /// A new network from the part of a file under `prefix`, with the configuration stored there.
@@ -53,7 +53,7 @@ impl ActuationNet {
     /// [`Error::MissingMetadata`], [`Error::MalformedConfig`], those of [`NetworkConfig::validate`],
     /// [`Error::UnknownTensor`] for any other tensor under the prefix, and those of [`TensorFile::f32_tensor`].
     pub fn from_file(file: &TensorFile, prefix: &str) -> Result<Self, Error> {
-        let config = stored_config(file, prefix)?;
+        let config: NetworkConfig = stored_config(file, prefix)?;
         Self::from_file_with(file, prefix, &config)
     }
 
@@ -67,15 +67,9 @@ impl ActuationNet {
         config: &NetworkConfig,
     ) -> Result<Self, Error> {
         config.validate()?;
-        let layout = config.parameter_layout();
-        file.check_names(prefix, |name| layout.iter().any(|t| t.name == name))?;
-        let mut parameters = Vec::new();
-        for tensor in &layout {
-            let name = format!("{prefix}{}", tensor.name);
-            parameters.extend(file.f32_tensor(&name, &tensor.shape)?);
-        }
+        let parameters = stored_parameters(file, prefix, &config.parameter_layout())?;
         // Equal shapes leave only the frequency to differ.
-        let found = stored_config(file, prefix)?.omega;
+        let found = stored_config::<NetworkConfig>(file, prefix)?.omega;
         if found != config.omega {
             return Err(Error::ConfigMismatch {
                 path: file.path().to_path_buf(),
@@ -88,7 +82,59 @@ impl ActuationNet {
     }
 }
 
-fn stored_config(file: &TensorFile, prefix: &str) -> Result<NetworkConfig, Error> {
+impl ExplicitDecoder {
+    /// Adds configuration and weights to a larger file; all names start with `prefix`.
+    ///
+    /// The tensors have the names of [`ParameterTensor`], the metadata entry is called `config`.
+    pub fn insert_into(&self, file: &mut TensorFile, prefix: &str) {
+        let layout = self.parameter_layout();
+        insert(file, prefix, self.config(), layout, self.parameters());
+    }
+
+    /// A decoder from the part of a file under `prefix`, with the configuration stored there.
+    ///
+    /// # Errors
+    /// [`Error::MissingMetadata`], [`Error::MalformedConfig`], those of [`crate::DecoderConfig::validate`],
+    /// [`Error::UnknownTensor`] for any other tensor under the prefix, and those of [`TensorFile::f32_tensor`].
+    pub fn from_file(file: &TensorFile, prefix: &str) -> Result<Self, Error> {
+        let config: crate::DecoderConfig = stored_config(file, prefix)?;
+        config.validate()?;
+        let parameters = stored_parameters(file, prefix, &config.parameter_layout())?;
+        Self::from_parameters(&config, parameters)
+    }
+}
+
+fn insert(
+    file: &mut TensorFile,
+    prefix: &str,
+    config: &impl Serialize,
+    layout: &[ParameterTensor],
+    parameters: &[f32],
+) {
+    let config = serde_json::to_string(config).expect("a plain struct becomes JSON");
+    file.insert_metadata(format!("{prefix}{CONFIG_KEY}"), config);
+    for tensor in layout {
+        let values = &parameters[tensor.range.clone()];
+        file.insert_f32(format!("{prefix}{}", tensor.name), &tensor.shape, values);
+    }
+}
+
+/// The flat parameters of a layout; other tensors under the prefix are refused.
+fn stored_parameters(
+    file: &TensorFile,
+    prefix: &str,
+    layout: &[ParameterTensor],
+) -> Result<Vec<f32>, Error> {
+    file.check_names(prefix, |name| layout.iter().any(|t| t.name == name))?;
+    let mut parameters = Vec::new();
+    for tensor in layout {
+        let name = format!("{prefix}{}", tensor.name);
+        parameters.extend(file.f32_tensor(&name, &tensor.shape)?);
+    }
+    Ok(parameters)
+}
+
+fn stored_config<C: DeserializeOwned>(file: &TensorFile, prefix: &str) -> Result<C, Error> {
     let key = format!("{prefix}{CONFIG_KEY}");
     let text = file.metadata(&key)?;
     serde_json::from_str(text).map_err(|source| Error::MalformedConfig {
