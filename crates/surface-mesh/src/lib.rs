@@ -9,6 +9,7 @@ mod ply;
 pub mod primitives;
 mod read;
 mod report;
+mod self_intersections;
 mod surface;
 mod whole_file;
 
@@ -22,4 +23,5 @@ pub use obj::{ObjProblem, parse_obj, read_obj, write_obj};
 pub use ply::{PlyAttributes, write_ply};
 pub use read::read_surface;
 pub use report::{Component, Edge, SurfaceReport, report};
+pub use self_intersections::self_intersections;
 pub use surface::Surface;
