@@ -1,9 +1,10 @@
 //! Contact sheets: many small pictures of one object in a grid, each with its name.
 
 use crate::camera::Camera;
+use crate::colour_map::ColourScale;
 use crate::error::ReportError;
 use crate::image::{Image, check_size};
-use crate::render::{BACKGROUND, CLAY, Colours, Mesh, render};
+use crate::render::{BACKGROUND, Colours, Mesh, render};
 use crate::sheet::{FAINT, GAP, INK};
 use crate::text::{self, Font};
 use nalgebra::Vector3;
@@ -19,18 +20,21 @@ pub struct Panel<'a> {
     pub vertices: &'a [Vector3<f64>],
     /// Triangles, three vertices each.
     pub triangles: &'a [[u32; 3]],
+    /// Its colour, [`crate::CLAY`] or one for each vertex.
+    pub colours: Colours<'a>,
 }
 
 /// A page of pictures seen by one camera, row by row from the top left.
 ///
 /// ```
 /// use nalgebra::Vector3;
-/// use report::{Camera, ContactSheet, Panel};
+/// use report::{CLAY, Camera, Colours, ContactSheet, Panel};
 ///
 /// let first = [Vector3::zeros(), Vector3::x(), Vector3::y()];
 /// let second = [Vector3::zeros(), Vector3::x(), Vector3::y() * 1.5];
 /// let camera = Camera::framing(first.iter().chain(&second), -Vector3::z(), Vector3::y())?;
-/// let panel = |name, vertices| Panel { name, note: "", vertices, triangles: &[[0, 1, 2]] };
+/// let colours = Colours::Uniform(CLAY);
+/// let panel = |name, vertices| Panel { name, note: "", vertices, triangles: &[[0, 1, 2]], colours };
 /// let sheet = ContactSheet::new("A triangle that grows", camera)
 ///     .panel(panel("short", &first))
 ///     .panel(panel("long", &second))
@@ -45,6 +49,7 @@ pub struct ContactSheet<'a> {
     panels: Vec<Panel<'a>>,
     columns: usize,
     panel_width: usize,
+    scale: Option<ColourScale>,
 }
 
 impl<'a> ContactSheet<'a> {
@@ -56,6 +61,7 @@ impl<'a> ContactSheet<'a> {
             panels: Vec::new(),
             columns: 6,
             panel_width: 240,
+            scale: None,
         }
     }
 
@@ -80,6 +86,13 @@ impl<'a> ContactSheet<'a> {
         self
     }
 
+    /// Draws a scale beside the pictures, for those that are coloured by it. Without it there is none.
+    #[must_use]
+    pub fn scale(mut self, scale: ColourScale) -> Self {
+        self.scale = Some(scale);
+        self
+    }
+
     /// Draws the sheet.
     ///
     /// # Errors
@@ -95,17 +108,22 @@ impl<'a> ContactSheet<'a> {
         let label = Font::Bold.line_height() + Font::Plain.line_height() + 4;
         let cell = [panel[0] + GAP, panel[1] + label + GAP];
         let top = GAP + Font::Title.line_height() + GAP;
-        let width = GAP + columns * cell[0];
+        let scale_left = GAP + columns * cell[0];
+        let scale_width = |scale: &ColourScale| scale.drawn_width() + GAP;
+        let width = scale_left + self.scale.as_ref().map_or(0, scale_width);
         let height = top + self.panels.len().div_ceil(columns) * cell[1];
         check_size(width, height)?;
         let mut image = Image::new(width, height, BACKGROUND);
         let title = text::shorten(&self.title, Font::Title.fitting(width - 2 * GAP));
         text::draw(&mut image, Font::Title, GAP, GAP, &title, INK);
+        if let Some(scale) = &self.scale {
+            scale.draw(&mut image, scale_left, top, panel[1], INK);
+        }
         for (index, content) in self.panels.iter().enumerate() {
             let mesh = Mesh {
                 vertices: content.vertices,
                 triangles: content.triangles,
-                colours: Colours::Uniform(CLAY),
+                colours: content.colours,
             };
             let picture = render(&mesh, &self.camera, panel[0], panel[1]);
             let picture = picture.map_err(|source| ReportError::Row {

@@ -388,6 +388,7 @@ fn a_contact_sheet_shows_every_panel_in_its_place() {
         note: "note",
         vertices: ball.vertices(),
         triangles: ball.triangles(),
+        colours: Colours::Uniform(CLAY),
     };
     let sheet = |count: usize| {
         let names = ["one", "two", "three", "four", "five"];
@@ -429,4 +430,25 @@ fn a_contact_sheet_shows_every_panel_in_its_place() {
         .panel(broken)
         .render();
     assert!(matches!(refused, Err(ReportError::Row { row: 1, .. })));
+    // Coloured panels bring their scale along, beside the pictures.
+    let scale = ColourScale::new(2.0, "mm").unwrap();
+    let colours = vec![scale.colour(2.0); ball.vertex_count()];
+    let coloured = ContactSheet::new("Balls", camera(ball.vertices()))
+        .panel_width(120)
+        .panel(Panel {
+            colours: Colours::PerVertex(&colours),
+            ..panel("far off")
+        })
+        .scale(scale)
+        .render()
+        .unwrap();
+    let plain = sheet(1).unwrap();
+    assert!(coloured.width() > plain.width());
+    assert_eq!(coloured.height(), plain.height());
+    assert_ne!(
+        coloured.pixel(16 + 60, 56 + 60),
+        plain.pixel(16 + 60, 56 + 60)
+    );
+    let beside = (0..coloured.height()).map(|y| coloured.pixel(16 + 136 + 4, y));
+    assert!(beside.collect::<std::collections::HashSet<_>>().len() > 20);
 }

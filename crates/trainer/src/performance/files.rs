@@ -102,6 +102,7 @@ fn contact_sheet(
             note,
             vertices: &frames[i].result.surface,
             triangles: body.surface.triangles(),
+            colours: Colours::Uniform(CLAY),
         });
     }
     Ok(sheet.render()?.to_png()?)
@@ -126,7 +127,7 @@ fn label(frame: &PerformedFrame) -> [String; 2] {
 }
 
 /// At most `room` of `count` indices, evenly spread, the first and the last among them.
-fn evenly(count: usize, room: usize) -> Vec<usize> {
+pub(crate) fn evenly(count: usize, room: usize) -> Vec<usize> {
     if count <= room {
         return (0..count).collect();
     }
