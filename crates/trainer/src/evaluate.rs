@@ -1,5 +1,6 @@
 //! Evaluation of a trained network: simulate shapes, measure them, draw them.
 
+use crate::actuator::{Actuator, Samples};
 use crate::body::Body;
 use crate::error::{Result, TrainerError};
 use crate::files::{create_folder, write_json};
@@ -12,7 +13,6 @@ use crate::scene::Scene;
 use crate::shapes::{Shape, ShapeSet, Shapes, difference, read_matching};
 use crate::stage2::set_actuation;
 use crate::trained::Trained;
-use actuation_net::ActuationNet;
 use face_rig::JointParameters;
 use nalgebra::Vector3;
 use pd_solver::{SolveOptions, Solver, Status, Stop};
@@ -112,13 +112,13 @@ impl<'a> Evaluator<'a> {
     /// When the network's answer is not finite or something does not fit.
     pub fn shape(
         &mut self,
-        net: &ActuationNet,
+        net: &impl Actuator,
         shape: &Shape,
         descriptor: Vec<f32>,
         start: Option<&[Vector3<f64>]>,
     ) -> Result<ShapeResult> {
         let clock = std::time::Instant::now();
-        let output = net.evaluate(&descriptor, &self.body.points)?;
+        let output = net.evaluate(&descriptor, &Samples::all(&self.body.points))?;
         let mut parameters = self.solver.rest_parameters();
         set_actuation(&mut parameters, &output.actuation);
         let hanging = self.hanging.as_ref();
@@ -158,7 +158,7 @@ impl<'a> Evaluator<'a> {
 }
 
 /// Weighted mean of distances, and the distance that 99 % of the vertices with a weight do not exceed.
-fn weighted(distances: &[f64], weights: &[f64]) -> (f64, f64) {
+pub(crate) fn weighted(distances: &[f64], weights: &[f64]) -> (f64, f64) {
     let mean = distances.iter().zip(weights).map(|(d, w)| d * w).sum();
     let counted = distances.iter().zip(weights).filter(|(_, w)| **w > 0.0);
     let mut counted: Vec<f64> = counted.map(|(d, _)| *d).collect();
@@ -190,9 +190,6 @@ pub struct EvaluationRequest {
 /// # Errors
 /// When the run is not finished or damaged, a file does not fit, or the output cannot be written.
 pub fn evaluate(run: &Run, request: &EvaluationRequest) -> Result<(Vec<ShapeResult>, PathBuf)> {
-    if let (None, Some(units)) = (&request.shapes, &request.units) {
-        return Err(units_without_frames(units));
-    }
     let Trained {
         scene,
         inputs,
@@ -201,17 +198,8 @@ pub fn evaluate(run: &Run, request: &EvaluationRequest) -> Result<(Vec<ShapeResu
         net,
     } = Trained::load(run, request.element_size)?;
     let mut wanted: Vec<Shape> = shapes.all.clone();
-    if let Some(path) = &request.shapes {
-        let units = request.units.as_deref();
-        let mut held_out = held_out(path, units, &inputs)?;
-        if let Some(jaw) = shapes.jaw().filter(|_| is_json(path)) {
-            let motions = jaw.motions(path, &scene.unit)?;
-            for shape in &mut held_out {
-                shape.joint = motions.get(&shape.name).copied();
-            }
-        }
-        wanted.extend(held_out);
-    }
+    let more = (request.shapes.as_deref(), request.units.as_deref());
+    wanted.extend(more_shapes(more.0, more.1, &scene, &shapes, &inputs)?);
     for weights in &request.blends {
         wanted.push(shapes.blend(weights, &inputs)?);
     }
@@ -227,6 +215,33 @@ fn units_without_frames(units: &Path) -> TrainerError {
         text: units.display().to_string(),
         mend: "it names the shapes that frames weigh: give it with --curves, or with --shapes and a .json or .csv file of frames",
     }
+}
+
+/// The shapes that `--shapes` and `--units` name, with what the jaw does in them where a file of frames says so; none without
+/// `--shapes`.
+///
+/// # Errors
+/// When `units` stands without frames, a file cannot be read, does not match the surface or holds nothing.
+pub(crate) fn more_shapes(
+    file: Option<&Path>,
+    units: Option<&Path>,
+    scene: &Scene,
+    shapes: &Shapes,
+    inputs: &MorphedSurface,
+) -> Result<Vec<Shape>> {
+    let path = match (file, units) {
+        (Some(path), _) => path,
+        (None, Some(units)) => return Err(units_without_frames(units)),
+        (None, None) => return Ok(Vec::new()),
+    };
+    let mut held_out = held_out(path, units, inputs)?;
+    if let Some(jaw) = shapes.jaw().filter(|_| is_json(path)) {
+        let motions = jaw.motions(path, &scene.unit)?;
+        for shape in &mut held_out {
+            shape.joint = motions.get(&shape.name).copied();
+        }
+    }
+    Ok(held_out)
 }
 
 fn held_out(path: &Path, units: Option<&Path>, inputs: &MorphedSurface) -> Result<Vec<Shape>> {
@@ -261,7 +276,7 @@ pub fn simulate(
     scene: &Scene,
     body: &Body,
     shapes: &Shapes,
-    net: &ActuationNet,
+    net: &impl Actuator,
     wanted: &[Shape],
 ) -> Result<Vec<ShapeResult>> {
     let mut evaluator = Evaluator::new(body, scene)?;

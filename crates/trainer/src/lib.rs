@@ -9,6 +9,7 @@
 #[doc = include_str!("../README.md")]
 struct Readme;
 
+pub mod actuator;
 pub mod body;
 pub mod checkpoint;
 mod curves;

@@ -4,6 +4,7 @@
 //! With F = R S at a sample of the pulled body, A = S makes `F - R(F A) A = F - R A = 0`: the pulled shape has zero energy under
 //! this actuation, so what remains is the softness of the springs and the error of the network.
 
+use crate::actuator::{Actuator, Reverse, Samples};
 use crate::body::Body;
 use crate::draw;
 use crate::error::Result;
@@ -13,7 +14,7 @@ use crate::progress::Phase;
 use crate::scene::{Scene, Stage1};
 use crate::shapes::Shape;
 use crate::table::mean_of;
-use actuation_net::{ActuationNet, Adam, AdamState, JOINT_SIZE, OutputCotangent};
+use actuation_net::{Adam, AdamState, JOINT_SIZE};
 use nalgebra::{Matrix3, Vector3};
 use pd_solver::{
     EffectSpec, SolveOptions, Solver, SpringPoints, Status, Stop, deformation_gradients,
@@ -171,7 +172,7 @@ impl Regression<'_> {
     ///
     /// # Errors
     /// When the gradient is not finite; nothing has changed then.
-    pub fn step(&self, net: &mut ActuationNet, adam: &mut AdamState, step: u64) -> Result<f64> {
+    pub fn step(&self, net: &mut impl Actuator, adam: &mut AdamState, step: u64) -> Result<f64> {
         let shapes = self.descriptors.len();
         let per_epoch = shapes.div_ceil(self.settings.batch) as u64;
         let (epoch, place) = (step / per_epoch, (step % per_epoch) as usize);
@@ -215,7 +216,7 @@ impl Regression<'_> {
     /// When the network's answer is not finite.
     pub fn add_superpositions(
         &self,
-        net: &ActuationNet,
+        net: &impl Actuator,
         count: usize,
         generator: &mut impl Rng,
         weight: f64,
@@ -267,27 +268,20 @@ impl Regression<'_> {
     /// Adds the gradient of `weight` times the mean squared distance of the network from a target at some samples.
     fn add_misfit(
         &self,
-        net: &ActuationNet,
+        net: &impl Actuator,
         chosen: &[usize],
         (descriptor, target, joint): (&[f32], &[f32], JointAnswer),
         weight: f64,
         gradient: &mut [f32],
     ) -> Result<f64> {
-        let points = gather(self.points, chosen, 3);
+        let samples = Samples::some(self.points, chosen.to_vec());
         let scale = weight / chosen.len() as f64;
-        let mut loss = 0.0;
-        let cotangent = |output: &actuation_net::Output| {
-            let (value, actuation) = misfit(&output.actuation, target, scale);
-            let (joint_value, joint_bar) = joint_misfit(&output.joint, joint, weight);
-            loss = value + joint_value;
-            OutputCotangent {
-                actuation,
-                joint: joint_bar,
-            }
-        };
-        let (_, part) = net.evaluate_vjp(descriptor, &points, cotangent)?;
+        let traced = net.trace(descriptor, &samples)?;
+        let (value, actuation_bar) = misfit(&traced.output().actuation, target, scale);
+        let (joint_value, joint_bar) = joint_misfit(&traced.output().joint, joint, weight);
+        let part = traced.backward(&actuation_bar, &joint_bar);
         gradient.iter_mut().zip(part).for_each(|(g, p)| *g += p);
-        Ok(loss)
+        Ok(value + joint_value)
     }
 }
 
@@ -305,7 +299,8 @@ fn misfit(actuation: &[f32], target: &[f32], scale: f64) -> (f64, Vec<f32>) {
     (value, bar)
 }
 
-fn gather(values: &[f32], chosen: &[usize], width: usize) -> Vec<f32> {
+/// The rows `chosen` of `values`, each `width` long.
+pub(crate) fn gather(values: &[f32], chosen: &[usize], width: usize) -> Vec<f32> {
     let rows = chosen.iter().map(|&i| &values[i * width..(i + 1) * width]);
     rows.flatten().copied().collect()
 }
@@ -316,7 +311,7 @@ mod tests {
     use crate::fixture;
     use crate::loss::distances;
     use crate::stage2::set_actuation;
-    use actuation_net::{NetworkConfig, Width};
+    use actuation_net::{ActuationNet, NetworkConfig, Width};
 
     fn norm(gradient: &[Vector3<f64>]) -> f64 {
         gradient

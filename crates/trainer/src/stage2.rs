@@ -1,5 +1,6 @@
 //! Stage 2: through the simulator. Network, equilibrium, loss on the surface, and the exact gradient back.
 
+use crate::actuator::{Actuator, Reverse, Samples};
 use crate::body::Body;
 use crate::draw;
 use crate::error::Result;
@@ -8,7 +9,7 @@ use crate::loss::{Loss, distances};
 use crate::scene::{Scene, Stage2};
 use crate::shapes::Shape;
 use crate::stage1::Regression;
-use actuation_net::{ActuationNet, Adam, AdamState, JOINT_SIZE};
+use actuation_net::{Adam, AdamState, JOINT_SIZE};
 use nalgebra::Vector3;
 use pd_solver::{
     AdjointOptions, AdjointStats, Parameters, SolveOptions, SolveStats, Solver, Status, Stop,
@@ -69,7 +70,7 @@ impl ThroughSimulator<'_> {
     /// When something does not fit; numbers that fail drop the step instead.
     pub fn step(
         &mut self,
-        net: &mut ActuationNet,
+        net: &mut impl Actuator,
         adam: &mut AdamState,
         warm: &mut [Vec<Vector3<f64>>],
         step: u64,
@@ -81,7 +82,8 @@ impl ThroughSimulator<'_> {
             self.shapes.len(),
         );
         let shape = order[(step % count) as usize];
-        let traced = match net.trace(&self.descriptors[shape], &self.body.points) {
+        let samples = Samples::all(&self.body.points);
+        let traced = match net.trace(&self.descriptors[shape], &samples) {
             Ok(traced) => traced,
             Err(error) => return Ok(Outcome::Dropped(error.to_string())),
         };

@@ -1,0 +1,243 @@
+//! What training and evaluation ask of a network, be it the field or an explicit decoder.
+
+use crate::stage1::gather;
+use actuation_net::{
+    ACTUATION_SIZE, ActuationNet, Error, ExplicitDecoder, JOINT_SIZE, Output, Traced, TracedDecoder,
+};
+use std::borrow::Cow;
+
+/// Samples of a body: all of them, or some.
+pub struct Samples<'a> {
+    points: Cow<'a, [f32]>,
+    /// Which of the body's samples; all where not given.
+    chosen: Option<Vec<usize>>,
+}
+
+impl<'a> Samples<'a> {
+    /// All samples of a body with these points, `[n, 3]`.
+    pub fn all(points: &'a [f32]) -> Self {
+        Self {
+            points: Cow::Borrowed(points),
+            chosen: None,
+        }
+    }
+
+    /// The samples `chosen` out of all `points`, `[n, 3]`.
+    ///
+    /// # Panics
+    /// When there is no such sample.
+    pub fn some(points: &[f32], chosen: Vec<usize>) -> Self {
+        Self {
+            points: Cow::Owned(gather(points, &chosen, 3)),
+            chosen: Some(chosen),
+        }
+    }
+
+    /// Number of samples.
+    fn count(&self) -> usize {
+        self.points.len() / 3
+    }
+
+    /// Index, among all samples of the body, of each of these.
+    fn indices(&self) -> impl Iterator<Item = usize> + '_ {
+        (0..self.count()).map(|i| self.chosen.as_ref().map_or(i, |chosen| chosen[i]))
+    }
+}
+
+/// A network that says for a descriptor how samples of a body are actuated and where the joint goes.
+pub trait Actuator {
+    /// An evaluation whose reverse pass is still to come.
+    type Trace<'a>: Reverse
+    where
+        Self: 'a;
+
+    /// Number of parameters.
+    fn parameter_count(&self) -> usize;
+
+    /// All parameters, flat, for the optimiser.
+    fn parameters_mut(&mut self) -> &mut [f32];
+
+    /// Joint, and actuation at samples, `[n, 6]`.
+    ///
+    /// # Errors
+    /// When the descriptor does not fit or the answer is not finite.
+    fn evaluate(&self, descriptor: &[f32], samples: &Samples) -> Result<Output, Error>;
+
+    /// [`Actuator::evaluate`] that remembers what the reverse pass needs.
+    ///
+    /// # Errors
+    /// As [`Actuator::evaluate`].
+    fn trace<'a>(
+        &'a self,
+        descriptor: &[f32],
+        samples: &'a Samples,
+    ) -> Result<Self::Trace<'a>, Error>;
+}
+
+/// The way back from an output to the parameters.
+pub trait Reverse {
+    /// What was answered.
+    fn output(&self) -> &Output;
+
+    /// The flat gradient of a loss with these derivatives by the output.
+    ///
+    /// # Panics
+    /// When the cotangent has not six entries per sample.
+    fn backward(self, actuation_bar: &[f32], joint_bar: &[f32; JOINT_SIZE]) -> Vec<f32>;
+}
+
+impl Actuator for ActuationNet {
+    type Trace<'a> = Traced<'a>;
+
+    fn parameter_count(&self) -> usize {
+        self.parameter_count()
+    }
+
+    fn parameters_mut(&mut self) -> &mut [f32] {
+        self.parameters_mut()
+    }
+
+    fn evaluate(&self, descriptor: &[f32], samples: &Samples) -> Result<Output, Error> {
+        self.evaluate(descriptor, &samples.points)
+    }
+
+    fn trace<'a>(&'a self, descriptor: &[f32], samples: &'a Samples) -> Result<Traced<'a>, Error> {
+        self.trace(descriptor, &samples.points)
+    }
+}
+
+impl Reverse for Traced<'_> {
+    fn output(&self) -> &Output {
+        self.output()
+    }
+
+    fn backward(self, actuation_bar: &[f32], joint_bar: &[f32; JOINT_SIZE]) -> Vec<f32> {
+        self.backward(actuation_bar, joint_bar)
+    }
+}
+
+/// An explicit decoder on the grid that it was made for: all samples of an element have its actuation.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ElementDecoder {
+    /// The decoder.
+    pub net: ExplicitDecoder,
+    /// Samples of an element.
+    pub samples: usize,
+}
+
+impl ElementDecoder {
+    /// The elements of samples.
+    fn elements(&self, samples: &Samples) -> Vec<usize> {
+        samples.indices().map(|i| i / self.samples).collect()
+    }
+}
+
+/// The answer at samples for that of elements.
+fn spread(output: &Output, elements: &[usize]) -> Output {
+    Output {
+        actuation: gather(&output.actuation, elements, ACTUATION_SIZE),
+        joint: output.joint,
+    }
+}
+
+impl Actuator for ElementDecoder {
+    type Trace<'a> = TracedElements<'a>;
+
+    fn parameter_count(&self) -> usize {
+        self.net.parameter_count()
+    }
+
+    fn parameters_mut(&mut self) -> &mut [f32] {
+        self.net.parameters_mut()
+    }
+
+    fn evaluate(&self, descriptor: &[f32], samples: &Samples) -> Result<Output, Error> {
+        let output = self.net.evaluate(descriptor)?;
+        Ok(spread(&output, &self.elements(samples)))
+    }
+
+    fn trace<'a>(
+        &'a self,
+        descriptor: &[f32],
+        samples: &'a Samples,
+    ) -> Result<TracedElements<'a>, Error> {
+        let traced = self.net.trace(descriptor)?;
+        let elements = self.elements(samples);
+        Ok(TracedElements {
+            output: spread(traced.output(), &elements),
+            traced,
+            elements,
+        })
+    }
+}
+
+/// An evaluation of an [`ElementDecoder`] whose reverse pass is still to come.
+pub struct TracedElements<'a> {
+    output: Output,
+    traced: TracedDecoder<'a>,
+    /// Element of each sample.
+    elements: Vec<usize>,
+}
+
+impl Reverse for TracedElements<'_> {
+    fn output(&self) -> &Output {
+        &self.output
+    }
+
+    fn backward(self, actuation_bar: &[f32], joint_bar: &[f32; JOINT_SIZE]) -> Vec<f32> {
+        assert_eq!(actuation_bar.len(), self.output.actuation.len());
+        let mut sums = vec![0.0; self.traced.output().actuation.len()];
+        let rows = actuation_bar.chunks_exact(ACTUATION_SIZE);
+        for (&element, row) in self.elements.iter().zip(rows) {
+            let sum = &mut sums[ACTUATION_SIZE * element..][..ACTUATION_SIZE];
+            sum.iter_mut().zip(row).for_each(|(s, x)| *s += x);
+        }
+        self.traced.backward(&sums, joint_bar)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use actuation_net::DecoderConfig;
+
+    /// The answer of an element is that of all its samples, and its cotangent the sum of theirs.
+    #[test]
+    fn samples_share_the_actuation_of_their_element() {
+        let config = DecoderConfig {
+            descriptor: 2,
+            latent: 3,
+            width: 4,
+            elements: 3,
+        };
+        let decoder = ElementDecoder {
+            net: ExplicitDecoder::new(&config, 1).unwrap(),
+            samples: 2,
+        };
+        let code = [1.0, 0.5];
+        let points = [0.0; 3 * 6];
+        let of_elements = decoder.net.evaluate(&code).unwrap();
+        let element = |e: usize| &of_elements.actuation[6 * e..6 * e + 6];
+        let all = decoder.evaluate(&code, &Samples::all(&points)).unwrap();
+        assert_eq!(all.joint, of_elements.joint);
+        for (sample, row) in all.actuation.chunks(6).enumerate() {
+            assert_eq!(row, element(sample / 2));
+        }
+        let some = Samples::some(&points, vec![5, 0, 4]);
+        let traced = decoder.trace(&code, &some).unwrap();
+        let answer = [element(2), element(0), element(2)].concat();
+        assert_eq!(traced.output().actuation, answer);
+        let bar: Vec<f32> = (0..18).map(|i| i as f32).collect();
+        let gradient = traced.backward(&bar, &[0.0; 5]);
+        // The head's bias comes last and has the element's cotangent itself.
+        let bias = &gradient[gradient.len() - 18..];
+        let expected: Vec<f32> = (0..18)
+            .map(|i| match i / 6 {
+                0 => bar[6 + i],
+                1 => 0.0,
+                _ => bar[i - 12] + bar[i],
+            })
+            .collect();
+        assert_eq!(bias, expected);
+    }
+}
