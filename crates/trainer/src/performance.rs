@@ -4,7 +4,7 @@ mod files;
 mod path;
 mod summary;
 
-pub(crate) use files::PERFORMANCE;
+pub(crate) use files::{PERFORMANCE, evenly};
 pub use path::CodePath;
 pub use summary::summary;
 

@@ -65,6 +65,7 @@ impl Run {
         remove_unfinished(folder)?;
         remove_unfinished(&run.evaluation_folder())?;
         remove_unfinished(&run.evaluation_folder().join(PERFORMANCE))?;
+        remove_unfinished(&run.comparison_folder())?;
         Ok(run)
     }
 
@@ -147,6 +148,11 @@ impl Run {
     /// The folder of the last evaluation.
     pub fn evaluation_folder(&self) -> PathBuf {
         self.folder.join("evaluation")
+    }
+
+    /// The folder of the comparison with other methods.
+    pub fn comparison_folder(&self) -> PathBuf {
+        self.folder.join("comparison")
     }
 
     /// The metrics, a JSON object per line.

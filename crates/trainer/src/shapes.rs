@@ -333,6 +333,18 @@ impl Shapes {
         Ok(fit.weights.iter().map(|&w| w as f32).collect())
     }
 
+    /// The linear blend that a descriptor stands for: neutral plus its weights times the displacements of the basis.
+    pub fn linear(&self, descriptor: &[f32]) -> Vec<Vector3<f64>> {
+        let mut sum = self.neutral.clone();
+        for (&shape, &weight) in self.basis_indices.iter().zip(descriptor) {
+            let moved = self.all[shape].positions.iter().zip(&self.neutral);
+            for (sum, (x, rest)) in sum.iter_mut().zip(moved) {
+                *sum += (x - rest) * f64::from(weight);
+            }
+        }
+        sum
+    }
+
     /// Which training shape each weight of a descriptor belongs to.
     pub fn basis_in_training(&self) -> Vec<usize> {
         let before = |i: usize| {

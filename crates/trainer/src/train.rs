@@ -22,7 +22,7 @@ use std::time::Instant;
 use surface_mesh::{MorphTarget, MorphedSurface};
 
 /// Failed steps in a row that end training.
-const MAX_FAILURES: u64 = 20;
+pub(crate) const MAX_FAILURES: u64 = 20;
 
 /// What a finished training shows.
 pub struct Trained {

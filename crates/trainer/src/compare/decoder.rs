@@ -1,0 +1,294 @@
+//! The explicit decoder of a run: trained in the two stages of the field, and kept in a file.
+
+use super::{CompareRequest, check_stop};
+use crate::actuator::{Actuator, ElementDecoder};
+use crate::error::{Result, TrainerError};
+use crate::hanging::Hanging;
+use crate::progress::{Phase, note};
+use crate::scene::{Scene, Stage1};
+use crate::stage1::{self, Regression};
+use crate::stage2::{self, Outcome, ThroughSimulator};
+use crate::train::MAX_FAILURES;
+use crate::trained::Trained;
+use actuation_net::{AdamState, DecoderConfig, ExplicitDecoder, TensorFile};
+use nalgebra::Vector3;
+use pd_solver::Solver;
+use serde::{Deserialize, Serialize};
+use std::path::Path;
+use std::time::Instant;
+
+/// Width of the hidden layers where nothing else is said.
+const WIDTH: usize = 64;
+/// Steps that tell how long a step takes.
+const PILOT: u64 = 3;
+/// Name of the file, and of its metadata entry.
+const FILE: &str = "decoder.safetensors";
+const TRAINING: &str = "training";
+
+/// How a decoder was trained.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Training {
+    /// Seconds of training: pulled shapes and both stages.
+    pub seconds: f64,
+    /// Seconds that were asked for.
+    pub seconds_asked: Option<f64>,
+    /// Steps of stage 1.
+    pub stage1_steps: u64,
+    /// Steps of stage 2, dropped ones too.
+    pub stage2_steps: u64,
+    /// Steps of stage 2 that were dropped.
+    pub dropped: u64,
+}
+
+/// What the file says of its decoder beside the network.
+#[derive(Serialize, Deserialize)]
+struct Label {
+    training: Training,
+    /// The scene, as JSON: a decoder of another scene or of other settings is no match.
+    scene: String,
+}
+
+/// The decoder that a request calls for.
+pub(super) struct Wanted {
+    config: DecoderConfig,
+    width: Option<usize>,
+    seconds: Option<f64>,
+    retrain: bool,
+}
+
+impl Wanted {
+    /// # Errors
+    /// When the width is out of range.
+    pub fn of(trained: &Trained, request: &CompareRequest) -> Result<Self> {
+        let config = DecoderConfig {
+            descriptor: trained.shapes.descriptor_size(),
+            latent: trained.scene.network.latent,
+            width: request.width.unwrap_or(WIDTH),
+            elements: trained.body.mesh.elements().len(),
+        };
+        config.validate()?;
+        Ok(Self {
+            config,
+            width: request.width,
+            seconds: request.seconds,
+            retrain: request.retrain,
+        })
+    }
+
+    /// Why a decoder that is kept is not the one; `None` where it is.
+    fn misfit(&self, config: &DecoderConfig, label: &Label, scene: &str) -> Option<&'static str> {
+        let expected = DecoderConfig {
+            width: self.width.unwrap_or(config.width),
+            ..self.config.clone()
+        };
+        if self.retrain {
+            Some("--retrain was given")
+        } else if label.scene != scene {
+            Some("it was trained for another scene or other settings")
+        } else if *config != expected {
+            Some("it has another size")
+        } else if self.seconds.is_some() && self.seconds != label.training.seconds_asked {
+            Some("it was trained for another time")
+        } else {
+            None
+        }
+    }
+}
+
+/// A decoder and how it came to be.
+pub(super) struct Kept {
+    pub decoder: ElementDecoder,
+    pub training: Training,
+}
+
+/// The decoder kept in a folder where it is the one wanted; otherwise a new one, which is kept there.
+///
+/// # Errors
+/// When the file that is there is damaged, training fails, the user stops, or the file cannot be written.
+pub(super) fn kept_or_trained(folder: &Path, trained: &Trained, wanted: &Wanted) -> Result<Kept> {
+    let path = folder.join(FILE);
+    let samples = trained.body.mesh.quadrature().len();
+    let scene = serde_json::to_string(&trained.scene).expect("plain data serialises");
+    // A file that cannot be read is in the way only of those who want it.
+    if path.exists() && !wanted.retrain {
+        let (net, label) = read(&path)?;
+        match wanted.misfit(net.config(), &label, &scene) {
+            None => {
+                let (decoder, training) = (ElementDecoder { net, samples }, label.training);
+                return Ok(Kept { decoder, training });
+            }
+            Some(reason) => note(&format!("the decoder that was kept is replaced: {reason}")),
+        }
+    }
+    let mut decoder = ElementDecoder {
+        net: ExplicitDecoder::new(&wanted.config, trained.scene.seed)?,
+        samples,
+    };
+    let training = train(trained, &mut decoder, wanted.seconds)?;
+    let label = Label {
+        training: training.clone(),
+        scene,
+    };
+    let mut file = TensorFile::new();
+    let label = serde_json::to_string(&label).expect("plain data serialises");
+    file.insert_metadata(TRAINING, label);
+    decoder.net.insert_into(&mut file, "");
+    file.write(&path)?;
+    Ok(Kept { decoder, training })
+}
+
+fn read(path: &Path) -> Result<(ExplicitDecoder, Label)> {
+    let file = TensorFile::read(path)?;
+    let label = serde_json::from_str(file.metadata(TRAINING)?);
+    let label = label.map_err(|e| TrainerError::Checkpoint {
+        path: path.to_path_buf(),
+        problem: format!("how it was trained cannot be read ({e}): train it anew with --retrain"),
+    })?;
+    Ok((ExplicitDecoder::from_file(&file, "")?, label))
+}
+
+/// Trains as the field was trained, by the scene's settings: the same targets, the same number of steps, or what fits into `seconds`.
+///
+/// # Errors
+/// When something does not fit, steps fail again and again, or the user stops.
+fn train(
+    trained: &Trained,
+    decoder: &mut ElementDecoder,
+    seconds: Option<f64>,
+) -> Result<Training> {
+    let clock = Instant::now();
+    let left = |share: f64| seconds.map(|s| share * (s - clock.elapsed().as_secs_f64()));
+    let Trained {
+        scene,
+        body,
+        shapes,
+        ..
+    } = trained;
+    let training = shapes.training();
+    let descriptors = training.iter().map(|s| shapes.descriptor(&s.positions));
+    let descriptors: Vec<Vec<f32>> = descriptors.collect::<Result<_>>()?;
+    let pulled = stage1::pull(body, scene, &training, check_stop)?;
+    let whole = Stage1 {
+        // It answers for all elements in any case, and learns those alone that are looked at.
+        points: body.points.len() / 3,
+        ..scene.stage1.clone()
+    };
+    let basis = shapes.basis_in_training();
+    let regression = |settings| Regression {
+        points: &body.points,
+        descriptors: &descriptors,
+        targets: &pulled,
+        basis: &basis,
+        settings,
+        seed: scene.seed,
+    };
+    let mut settings = whole.clone();
+    if let Some(left) = left(0.5) {
+        let per_epoch = training.len().div_ceil(whole.batch) as u64;
+        let (mut pilot, regression) = (decoder.clone(), regression(&whole));
+        let mut adam = AdamState::new(pilot.parameter_count());
+        let step = seconds_per_step(|i| regression.step(&mut pilot, &mut adam, i).map(drop))?;
+        settings.epochs = epochs_within(left, step, per_epoch).min(whole.epochs);
+    }
+    let regression = regression(&settings);
+    let stage1_steps = regress(&regression, decoder)?;
+
+    let solver = Solver::new(&body.mesh, &body.effects(scene)?)?;
+    let hastened: Scene;
+    let mut simulator = ThroughSimulator {
+        body,
+        scene,
+        shapes: &training,
+        descriptors: &descriptors,
+        hanging: Hanging::new(body, &solver),
+        solver,
+        blends: (scene.stage2.blend_weight > 0.0).then_some(&regression),
+    };
+    let mut warm: Vec<Vec<Vector3<f64>>> = pulled.iter().map(|p| p.nodes.clone()).collect();
+    if let Some(left) = left(1.0) {
+        let (mut pilot, mut warm) = (decoder.clone(), warm.clone());
+        let mut adam = AdamState::new(pilot.parameter_count());
+        let step = seconds_per_step(|i| {
+            let outcome = simulator.step(&mut pilot, &mut adam, &mut warm, i);
+            outcome.map(drop)
+        })?;
+        let mut changed = scene.clone();
+        changed.stage2.epochs = epochs_within(left, step, training.len() as u64);
+        hastened = changed;
+        simulator.scene = &hastened;
+    }
+    let (stage2_steps, dropped) = through_simulator(&mut simulator, decoder, &mut warm)?;
+    Ok(Training {
+        seconds: clock.elapsed().as_secs_f64(),
+        seconds_asked: seconds,
+        stage1_steps,
+        stage2_steps,
+        dropped,
+    })
+}
+
+/// Mean seconds of the first steps.
+fn seconds_per_step(mut step: impl FnMut(u64) -> Result<()>) -> Result<f64> {
+    let clock = Instant::now();
+    for i in 0..PILOT {
+        check_stop()?;
+        step(i)?;
+    }
+    Ok(clock.elapsed().as_secs_f64() / PILOT as f64)
+}
+
+/// Whole epochs that fit into some seconds; at least one.
+fn epochs_within(seconds: f64, per_step: f64, steps_per_epoch: u64) -> usize {
+    let epochs = seconds / (per_step * steps_per_epoch as f64);
+    // The conversion saturates.
+    (epochs.floor() as usize).max(1)
+}
+
+fn regress(regression: &Regression, decoder: &mut ElementDecoder) -> Result<u64> {
+    let steps = stage1::steps(regression.settings, regression.descriptors.len());
+    let mut adam = AdamState::new(decoder.parameter_count());
+    let mut phase = Phase::new("decoder 1", steps, 0);
+    for step in 0..steps {
+        check_stop()?;
+        let loss = regression.step(decoder, &mut adam, step)?;
+        phase.step(|| format!("loss {loss:.2e}"));
+    }
+    phase.finish(&format!("{steps} steps"));
+    Ok(steps)
+}
+
+/// Returns the steps, and how many of them were dropped.
+fn through_simulator(
+    simulator: &mut ThroughSimulator,
+    decoder: &mut ElementDecoder,
+    warm: &mut [Vec<Vector3<f64>>],
+) -> Result<(u64, u64)> {
+    let steps = stage2::steps(&simulator.scene.stage2, simulator.shapes.len());
+    let percent = 100.0 / simulator.body.diagonal;
+    let mut adam = AdamState::new(decoder.parameter_count());
+    let mut phase = Phase::new("decoder 2", steps, 0);
+    let (mut failures, mut dropped) = (0, 0);
+    for step in 0..steps {
+        check_stop()?;
+        match simulator.step(decoder, &mut adam, warm, step)? {
+            Outcome::Stepped(done) => {
+                failures = 0;
+                let error = done.mean_error * percent;
+                phase.step(|| format!("loss {:.2e}, error {error:.3} %", done.loss));
+            }
+            Outcome::Dropped(reason) => {
+                failures += 1;
+                dropped += 1;
+                if failures == MAX_FAILURES {
+                    return Err(TrainerError::DecoderDiverged {
+                        count: MAX_FAILURES as usize,
+                        reason,
+                    });
+                }
+                phase.step(|| format!("dropped: {reason}"));
+            }
+        }
+    }
+    phase.finish(&format!("{steps} steps, {dropped} dropped"));
+    Ok((steps, dropped))
+}
