@@ -138,3 +138,78 @@ fn simulate(trained: &Trained, net: &impl Actuator, frames: &[Shape]) -> Result<
     })?;
     Ok(results.into_iter().map(Reached::from).collect())
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::fixture;
+    use crate::rig::Rig;
+    use crate::train::train;
+    use serde_json::Value;
+
+    #[test]
+    fn a_comparison_holds_finite_numbers_for_every_frame() {
+        let folder = tempfile::tempdir().unwrap();
+        let scene = fixture::SCENE.replace("basis =", "held_out = [\"both\"]\nbasis =");
+        let run = Run::create(folder.path(), &scene, &fixture::inputs(), &Rig::default()).unwrap();
+        let request = CompareRequest::default();
+        let refused = |request: &CompareRequest| compare(&run, request).unwrap_err().to_string();
+        assert!(refused(&request).contains("finish training"));
+        train(&run).unwrap();
+        let seconds = CompareRequest {
+            seconds: Some(f64::NAN),
+            ..request.clone()
+        };
+        assert!(refused(&seconds).contains("--seconds"));
+        let width = CompareRequest {
+            width: Some(0),
+            ..request.clone()
+        };
+        assert!(refused(&width).contains("1 to 4096"));
+        let units = CompareRequest {
+            units: Some("units.glb".into()),
+            ..request.clone()
+        };
+        assert!(refused(&units).contains("--units"));
+        assert!(!run.comparison_folder().exists());
+
+        let frames = folder.path().join("frames.json");
+        let text =
+            r#"{ "frames": [{ "name": "half", "weights": { "long": 0.5, "both": 0.25 } }] }"#;
+        std::fs::write(&frames, text).unwrap();
+        let request = CompareRequest {
+            shapes: Some(frames),
+            ..request
+        };
+        let (comparison, out) = compare(&run, &request).unwrap();
+        assert_eq!(out, run.comparison_folder());
+        assert!(out.join("comparison.png").exists() && out.join("decoder.safetensors").exists());
+        let text = std::fs::read_to_string(out.join("comparison.md")).unwrap();
+        assert_eq!(text, markdown(&comparison));
+        let text = std::fs::read_to_string(out.join("comparison.json")).unwrap();
+        let json: Value = serde_json::from_str(&text).unwrap();
+        let stored = |i: usize| json["methods"][i]["numbers_stored"].as_u64().unwrap() as usize;
+        assert_eq!(stored(1), 3 * 2 * comparison.vertices);
+        assert!(stored(2) > 6 * 64 * comparison.elements);
+        // What is not finite is written as null.
+        for (i, method) in json["methods"].as_array().unwrap().iter().enumerate() {
+            let has_inside = i != 1;
+            for (set, frames) in [("train", 2), ("held_out", 2)] {
+                let numbers = &method[set];
+                assert_eq!(numbers["frames"], frames);
+                for key in ["weighted_error", "error_p99", "seconds_per_frame"] {
+                    assert!(numbers[key].is_f64(), "{set} {key}: {numbers}");
+                }
+                for key in ["volume_change_percent", "largest_volume_change_percent"] {
+                    assert!(numbers[key].is_f64(), "{set} {key}: {numbers}");
+                }
+                assert_eq!(numbers["inverted_elements"].is_f64(), has_inside);
+            }
+            let names = method["frames"].as_array().unwrap().iter();
+            let names: Vec<&str> = names.map(|f| f["name"].as_str().unwrap()).collect();
+            assert_eq!(names, ["long", "bent", "both", "half"]);
+            assert_eq!(method["training_seconds"].is_f64(), has_inside);
+        }
+        assert!(json["targets"]["held_out"]["volume_change_percent"].is_f64());
+    }
+}

@@ -137,14 +137,23 @@ pub(super) fn kept_or_trained(folder: &Path, trained: &Trained, wanted: &Wanted)
     Ok(Kept { decoder, training })
 }
 
+/// # Errors
+/// When the file is damaged or of another version.
 fn read(path: &Path) -> Result<(ExplicitDecoder, Label)> {
-    let file = TensorFile::read(path)?;
-    let label = serde_json::from_str(file.metadata(TRAINING)?);
-    let label = label.map_err(|e| TrainerError::Checkpoint {
+    let unusable = |reason: String| TrainerError::Checkpoint {
         path: path.to_path_buf(),
-        problem: format!("how it was trained cannot be read ({e}): train it anew with --retrain"),
-    })?;
-    Ok((ExplicitDecoder::from_file(&file, "")?, label))
+        problem: format!(
+            "the decoder that is kept cannot be used ({reason}): train it anew with --retrain"
+        ),
+    };
+    let parts = || -> std::result::Result<_, actuation_net::Error> {
+        let file = TensorFile::read(path)?;
+        let label = file.metadata(TRAINING)?.to_string();
+        Ok((ExplicitDecoder::from_file(&file, "")?, label))
+    };
+    let (net, label) = parts().map_err(|error| unusable(error.to_string()))?;
+    let label = serde_json::from_str(&label).map_err(|error| unusable(error.to_string()))?;
+    Ok((net, label))
 }
 
 /// Trains as the field was trained, by the scene's settings: the same targets, the same number of steps, or what fits into `seconds`.
@@ -291,4 +300,129 @@ fn through_simulator(
     }
     phase.finish(&format!("{steps} steps, {dropped} dropped"));
     Ok((steps, dropped))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::evaluate::Evaluator;
+    use crate::fixture;
+    use crate::table::mean_of;
+    use crate::train::network_config;
+    use actuation_net::ActuationNet;
+
+    fn trained(scene: Scene) -> Trained {
+        let body = fixture::body(&scene);
+        let shapes = fixture::shapes(&scene, &body);
+        Trained {
+            net: ActuationNet::new(&network_config(&scene, &shapes), 1).unwrap(),
+            inputs: fixture::inputs(),
+            scene,
+            body,
+            shapes,
+        }
+    }
+
+    fn wanted(trained: &Trained, request: CompareRequest) -> Wanted {
+        Wanted::of(trained, &request).unwrap()
+    }
+
+    fn mean_error(trained: &Trained, decoder: &ElementDecoder) -> f64 {
+        let mut evaluator = Evaluator::new(&trained.body, &trained.scene).unwrap();
+        let errors = trained.shapes.all.iter().map(|shape| {
+            let descriptor = trained.shapes.descriptor(&shape.positions).unwrap();
+            let result = evaluator.shape(decoder, shape, descriptor, None).unwrap();
+            result.mean_error
+        });
+        mean_of(errors)
+    }
+
+    #[test]
+    fn the_decoder_learns_in_both_stages() {
+        let mut scene = fixture::scene("");
+        scene.stage1.epochs = 100;
+        scene.stage1.blends = 0;
+        scene.stage2.epochs = 0;
+        let mut case = trained(scene);
+        let fresh = || ElementDecoder {
+            net: ExplicitDecoder::new(&wanted(&case, CompareRequest::default()).config, 1).unwrap(),
+            samples: 8,
+        };
+        let mut decoder = fresh();
+        let at_rest = mean_error(&case, &decoder);
+        let first = train(&case, &mut decoder, None).unwrap();
+        assert_eq!((first.stage1_steps, first.stage2_steps), (200, 0));
+        let regressed = mean_error(&case, &decoder);
+        assert!(regressed < 0.5 * at_rest, "{regressed} {at_rest}");
+        let mut decoder = fresh();
+        case.scene.stage2.epochs = 10;
+        case.scene.stage2.learning_rate = 3e-4;
+        let second = train(&case, &mut decoder, None).unwrap();
+        assert_eq!((second.stage2_steps, second.dropped), (30, 0));
+        let learned = mean_error(&case, &decoder);
+        assert!(learned < 0.95 * regressed, "{learned} {regressed}");
+    }
+
+    #[test]
+    fn a_decoder_is_kept_until_another_is_wanted() {
+        let folder = tempfile::tempdir().unwrap();
+        let mut case = trained(fixture::scene(""));
+        let ask = |case: &Trained, request: CompareRequest| {
+            kept_or_trained(folder.path(), case, &wanted(case, request)).unwrap()
+        };
+        let of_width = |width| CompareRequest {
+            width: Some(width),
+            ..CompareRequest::default()
+        };
+        let first = ask(&case, of_width(7));
+        assert_eq!(first.decoder.net.config().width, 7);
+        // The time that training took tells one training from another.
+        let again = ask(&case, CompareRequest::default());
+        assert_eq!(
+            (&again.training, &again.decoder),
+            (&first.training, &first.decoder)
+        );
+        assert_eq!(ask(&case, of_width(7)).training, first.training);
+        let wider = ask(&case, of_width(9));
+        assert_eq!(wider.decoder.net.config().width, 9);
+        let hasty = CompareRequest {
+            seconds: Some(1e-6),
+            ..CompareRequest::default()
+        };
+        let hastened = ask(&case, hasty.clone()).training;
+        // One epoch of each stage is the least.
+        assert_eq!((hastened.stage1_steps, hastened.stage2_steps), (2, 3));
+        assert_eq!(hastened.seconds_asked, Some(1e-6));
+        assert_eq!(ask(&case, hasty).training, hastened);
+        let anew = CompareRequest {
+            retrain: true,
+            ..CompareRequest::default()
+        };
+        let retrained = ask(&case, anew.clone());
+        assert_eq!(retrained.decoder.net.config().width, WIDTH);
+        assert_eq!(retrained.training.seconds_asked, None);
+        case.scene.seed += 1;
+        let other = ask(&case, CompareRequest::default());
+        assert_ne!(other.decoder, retrained.decoder);
+
+        let path = folder.path().join(FILE);
+        let whole = std::fs::read(&path).unwrap();
+        std::fs::write(&path, &whole[..whole.len() / 2]).unwrap();
+        let any = wanted(&case, CompareRequest::default());
+        let refused = kept_or_trained(folder.path(), &case, &any);
+        let message = refused.err().map(|e| e.to_string()).unwrap_or_default();
+        assert!(
+            message.contains(FILE) && message.contains("--retrain"),
+            "{message}"
+        );
+        assert_eq!(ask(&case, anew).decoder, other.decoder);
+    }
+
+    #[test]
+    fn epochs_are_what_fits_and_at_least_one() {
+        assert_eq!(epochs_within(10.0, 0.5, 4), 5);
+        assert_eq!(epochs_within(10.9, 0.5, 4), 5);
+        assert_eq!(epochs_within(-1.0, 0.5, 4), 1);
+        assert_eq!(epochs_within(1.0, 0.5, 4), 1);
+    }
 }

@@ -122,12 +122,12 @@ fn row(name: String, method: &MethodNumbers) -> Vec<String> {
     let mut cells = vec![
         name,
         thousands(method.numbers_stored),
-        cell(method.training_seconds, |s| format!("{s:.0}")),
+        cell(method.training_seconds, significant),
     ];
     cells.extend(of(&|s| format!("{:.5}", s.weighted_error)));
     cells.extend(of(&|s| format!("{:.5}", s.error_p99)));
     let seconds = mean(&|s| Some(s.seconds_per_frame));
-    cells.push(cell(seconds, |s| format!("{s:.4}")));
+    cells.push(cell(seconds, significant));
     cells.extend(sets.map(|set| cell(set, |s| volumes(&s.geometry))));
     cells.extend(sets.map(|set| cell(set, |s| crossings(&s.geometry))));
     let inverted = mean(&|s| s.inverted_elements);
@@ -154,6 +154,16 @@ fn volumes(geometry: &SetGeometry) -> String {
 
 fn crossings(geometry: &SetGeometry) -> String {
     format!("{:.1}", geometry.crossing_pairs)
+}
+
+/// Seconds, however few or many they are.
+fn significant(seconds: f64) -> String {
+    match seconds {
+        s if s < 0.001 => format!("{s:.1e}"),
+        s if s < 1.0 => format!("{s:.4}"),
+        s if s < 100.0 => format!("{s:.1}"),
+        s => format!("{s:.0}"),
+    }
 }
 
 fn thousands(number: usize) -> String {
@@ -315,4 +325,33 @@ fn labels(comparison: &Comparison, frame: usize) -> [[String; 2]; 4] {
         of(linear),
         of(decoder),
     ]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn numbers_are_written_to_be_read() {
+        let written = [0, 999, 1000, 28_334, 1_234_567].map(thousands);
+        assert_eq!(written, ["0", "999", "1,000", "28,334", "1,234,567"]);
+        let written = [2.34e-5, 0.018_52, 3.21, 361.4].map(significant);
+        assert_eq!(written, ["2.3e-5", "0.0185", "3.2", "361"]);
+    }
+
+    #[test]
+    fn pictures_are_chosen_from_both_sets() {
+        let frame = |set| Shape {
+            name: "a".into(),
+            set,
+            positions: Vec::new(),
+            joint: None,
+        };
+        let mut frames = vec![frame(ShapeSet::Train); 40];
+        frames.extend(vec![frame(ShapeSet::HeldOut); 3]);
+        let chosen = choose(&frames);
+        assert_eq!(chosen[..4], [40, 41, 42, 0]);
+        assert_eq!(chosen.len(), 3 + SHOWN_OF_SET);
+        assert_eq!(choose(&frames[..2]), [0, 1]);
+    }
 }
