@@ -249,14 +249,15 @@ where
         let hidden = self.code.hidden.as_vec();
         let (weight, _) = self.decoder.head();
         let mut hidden_bar = vec![E::zero(); width];
-        let mut weight_bar = Vec::with_capacity(weight.len());
         for (row, &bar) in weight.chunks_exact(width).zip(actuation_bar) {
             let sums = hidden_bar.iter_mut().zip(row);
             sums.for_each(|(sum, &w)| *sum += bar * w);
-            weight_bar.extend(hidden.iter().map(|&h| bar * h));
         }
         let mut gradient = sweep(self.code, hidden_bar, joint_bar, &self.leaves);
-        gradient.extend(weight_bar);
+        gradient.reserve_exact(self.decoder.parameters.len() - gradient.len());
+        for &bar in actuation_bar {
+            gradient.extend(hidden.iter().map(|&h| bar * h));
+        }
         gradient.extend_from_slice(actuation_bar);
         gradient
     }

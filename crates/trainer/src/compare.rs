@@ -151,7 +151,8 @@ mod tests {
     fn a_comparison_holds_finite_numbers_for_every_frame() {
         let folder = tempfile::tempdir().unwrap();
         let scene = fixture::SCENE.replace("basis =", "held_out = [\"both\"]\nbasis =");
-        let run = Run::create(folder.path(), &scene, &fixture::inputs(), &Rig::default()).unwrap();
+        let inputs = fixture::inputs();
+        let run = Run::create(folder.path(), &scene, &inputs, &Rig::default(), None).unwrap();
         let request = CompareRequest::default();
         let refused = |request: &CompareRequest| compare(&run, request).unwrap_err().to_string();
         assert!(refused(&request).contains("finish training"));

@@ -179,7 +179,7 @@ fn train(
     let pulled = stage1::pull(body, scene, &training, check_stop)?;
     let whole = Stage1 {
         // It answers for all elements in any case, and learns those alone that are looked at.
-        points: body.points.len() / 3,
+        points: body.mesh.elements().len(),
         ..scene.stage1.clone()
     };
     let basis = shapes.basis_in_training();
