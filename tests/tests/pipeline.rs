@@ -13,6 +13,7 @@ use pd_solver::{
 use surface_mesh::primitives::icosphere;
 use trainer::body::Body;
 use trainer::loss::Loss;
+use trainer::scene::LossSettings;
 
 /// Relative error of a directional derivative.
 const TOLERANCE: f64 = 1e-5;
@@ -35,7 +36,7 @@ struct Pipeline {
     hanging: Vec<usize>,
     hanging_rest: Vec<Vector3<f64>>,
     target: Vec<Vector3<f64>>,
-    normal_weight: f64,
+    settings: LossSettings,
     /// The last equilibrium: every solve starts from it.
     warm: Vec<Vector3<f64>>,
 }
@@ -52,7 +53,11 @@ impl Pipeline {
         let surface = egg
             .with_vertices(stretched.collect())
             .expect("as many vertices");
-        let body = Body::new("egg", surface, 0.36, 8).expect("a closed surface");
+        let mut body = Body::new("egg", surface, 0.36, 8).expect("a closed surface");
+        // A mask: some vertices do not count, others more than their area.
+        for (v, weight) in body.vertex_weights.iter_mut().enumerate() {
+            *weight *= [0.0, 1.0, 2.5][v % 3];
+        }
         assert!((60..150).contains(&body.mesh.elements().len()));
         let ends = (0..body.mesh.nodes().len() as u32)
             .filter(|&node| body.mesh.nodes()[node as usize].x.abs() > BONES)
@@ -74,7 +79,11 @@ impl Pipeline {
             hanging_rest: hanging.iter().map(|&i| rest[i]).collect(),
             hanging,
             target: Vec::new(),
-            normal_weight,
+            settings: LossSettings {
+                normal_weight,
+                inversion_weight: 0.02,
+                ..LossSettings::default()
+            },
             warm: body.mesh.nodes().to_vec(),
             layout: net.parameter_layout().to_vec(),
             net: PlainNet::from_net(&net),
@@ -121,7 +130,7 @@ impl Pipeline {
 
     fn loss(&mut self, parameters: &Parameters) -> f64 {
         let positions = self.equilibrium(parameters).positions;
-        Loss::new(&self.body, &self.target, self.normal_weight)
+        Loss::new(&self.body, &self.target, &self.settings)
             .nodes(&positions)
             .0
     }
@@ -136,7 +145,7 @@ impl Pipeline {
     /// dL/d(parameters of the solver).
     fn gradient(&mut self, parameters: &Parameters) -> Parameters {
         let solution = self.equilibrium(parameters);
-        let loss = Loss::new(&self.body, &self.target, self.normal_weight);
+        let loss = Loss::new(&self.body, &self.target, &self.settings);
         let (_, cotangent) = loss.nodes(&solution.positions);
         let exact = AdjointOptions {
             tolerance: 1e-12,

@@ -69,7 +69,7 @@ fn parse(bytes: &[u8], folder: &Path) -> Result<MorphedSurface, GltfProblem> {
         joined.place(&placement)?;
     }
     let mut morphed = joined.finish(mesh)?;
-    morphed.unit = stated_unit(mesh.extras.as_ref()).or(stated_unit(root.asset.extras.as_ref()));
+    morphed.unit = stated_unit(&mesh.extras).or(stated_unit(&root.asset.extras));
     Ok(morphed)
 }
 
@@ -389,12 +389,12 @@ struct MeshExtras {
 }
 
 /// The entry `units` of extras, where it is a text.
-fn stated_unit(extras: Option<&Box<serde_json::value::RawValue>>) -> Option<String> {
+fn stated_unit(extras: &gltf::json::Extras) -> Option<String> {
     #[derive(serde::Deserialize)]
     struct Extras {
         units: String,
     }
-    let extras = serde_json::from_str::<Extras>(extras?.get()).ok()?;
+    let extras = serde_json::from_str::<Extras>(extras.as_ref()?.get()).ok()?;
     Some(extras.units)
 }
 
