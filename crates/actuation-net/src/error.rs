@@ -67,6 +67,24 @@ pub enum Error {
         /// The value found.
         value: f64,
     },
+    /// A latent code of another length than the network's.
+    #[error(
+        "the latent code has {found} numbers but the network was made for {expected}: use a code of this network"
+    )]
+    LatentLength {
+        /// Length in the network's configuration.
+        expected: usize,
+        /// Length given.
+        found: usize,
+    },
+    /// A number of a latent code is NaN or infinite.
+    #[error("number {index} of the latent code is {value}: give finite numbers")]
+    NonFiniteLatent {
+        /// Index in the code.
+        index: usize,
+        /// The value found.
+        value: f64,
+    },
     /// The flat list of points is not a whole number of points.
     #[error(
         "the flat list of points has {found} entries, which is no multiple of 3: give x, y, z of every point"

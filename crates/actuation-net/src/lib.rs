@@ -48,7 +48,7 @@ pub use decoder::{DecoderConfig, ExplicitDecoder, TracedDecoder};
 pub use error::Error;
 pub use kernel::instruction_set;
 pub use layout::ParameterTensor;
-pub use net::{ActuationNet, Output, OutputCotangent, Traced};
+pub use net::{ActuationNet, LatentTrace, Output, OutputCotangent, Traced};
 pub use plain::{PlainNet, Real};
 pub use tensor_file::TensorFile;
 

@@ -77,7 +77,16 @@ where
         &self,
         descriptor: Vector<E, T>,
     ) -> Result<Conditioned<E, T>, CpuError> {
-        let (latent, mut tape) = dense_stack(&self.encoder, descriptor)?.split_tape();
+        let (latent, tape) = dense_stack(&self.encoder, descriptor)?.split_tape();
+        self.decode(latent, tape)
+    }
+
+    /// Modulation and bone network of one latent code; `tape` holds how the code came about.
+    pub fn decode<T: Tape<E, Cpu>>(
+        &self,
+        latent: Vector<E>,
+        mut tape: T,
+    ) -> Result<Conditioned<E, T>, CpuError> {
         let mut sine = Vec::with_capacity(SINE_LAYERS);
         for layer in &self.sine {
             let weight;

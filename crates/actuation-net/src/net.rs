@@ -1,8 +1,8 @@
 //! The network that users hold: flat f32 parameters, evaluated through the fused path.
 
 use dfdx::prelude::{
-    Backward, Cpu, CpuError, NoneTape, OwnedTape, PutTape, Rank0, SumTo, Tape, TensorFromVec,
-    TryMul,
+    Backward, Cpu, CpuError, Gradients, NoneTape, OwnedTape, PutTape, Rank0, SumTo, Tape,
+    TensorFromVec, TryMul,
 };
 
 use crate::field::FieldWeights;
@@ -152,6 +152,39 @@ impl ActuationNet {
         })
     }
 
+    /// [`ActuationNet::evaluate`] of a latent code itself, `[latent]`, which need not be that of any descriptor.
+    ///
+    /// # Errors
+    /// [`Error::LatentLength`], [`Error::NonFiniteLatent`], and those of [`ActuationNet::evaluate`] for points and output.
+    pub fn evaluate_latent(&self, latent: &[f32], points: &[f32]) -> Result<Output, Error> {
+        check_latent(&self.config, latent)?;
+        check_points(points)?;
+        let conditioned = self.decode(latent, NoneTape);
+        output(&FieldWeights::new(&conditioned.field), &conditioned, points)
+    }
+
+    /// [`ActuationNet::evaluate_latent`] that remembers what the reverse pass to the latent code needs; the parameters stay as
+    /// they are.
+    ///
+    /// # Errors
+    /// Those of [`ActuationNet::evaluate_latent`].
+    pub fn trace_latent<'p>(
+        &self,
+        latent: &[f32],
+        points: &'p [f32],
+    ) -> Result<LatentTrace<'p>, Error> {
+        check_latent(&self.config, latent)?;
+        check_points(points)?;
+        let conditioned = self.decode(latent, OwnedTape::<f32, Cpu>::default());
+        let weights = FieldWeights::new(&conditioned.field);
+        Ok(LatentTrace {
+            output: output(&weights, &conditioned, points)?,
+            points,
+            weights,
+            conditioned,
+        })
+    }
+
     /// Output and flat gradient of a loss whose derivative with respect to the output is `cotangent(output)`.
     ///
     /// # Errors
@@ -181,6 +214,12 @@ impl ActuationNet {
             .condition(descriptor.put_tape(T::default()))
             .expect(OUT_OF_MEMORY);
         (conditioned, model.into_leaves())
+    }
+
+    fn decode<T: Tape<f32, Cpu>>(&self, latent: &[f32], tape: T) -> Conditioned<f32, T> {
+        let model = Model::new(&self.config, &self.layout, &self.parameters);
+        let latent = Cpu::default().tensor_from_vec(latent.to_vec(), (latent.len(),));
+        model.decode(latent, tape).expect(OUT_OF_MEMORY)
     }
 }
 
@@ -214,36 +253,68 @@ impl Traced<'_> {
     /// # Panics
     /// If `actuation_bar` has another length than the output's actuation.
     pub fn backward(self, actuation_bar: &[f32], joint_bar: &[f32; JOINT_SIZE]) -> Vec<f32> {
-        assert_eq!(
-            actuation_bar.len(),
-            self.points.len() / 3 * ACTUATION_SIZE,
-            "the cotangent needs {ACTUATION_SIZE} entries per point"
-        );
-        let field_bar = self.weights.vjp(self.points, actuation_bar);
-        sweep(self.conditioned, &field_bar, joint_bar, &self.leaves).expect(OUT_OF_MEMORY)
+        let field_bar = field_cotangent(&self.weights, self.points, actuation_bar);
+        let gradients = sweep(self.conditioned, field_bar, joint_bar).expect(OUT_OF_MEMORY);
+        self.leaves.flat_gradient(&gradients)
     }
 }
 
-/// The reverse sweep from the effective weights and the joint to the parameters. The point evaluation enters the tape as
-/// one operation, whose cotangent has come from outside.
+/// An evaluation of a latent code whose reverse pass is still to come: a solver may run between the two.
+///
+/// Holds a dfdx tape and so stays on the thread that made it.
+pub struct LatentTrace<'p> {
+    output: Output,
+    points: &'p [f32],
+    weights: FieldWeights,
+    conditioned: Conditioned<f32, OwnedTape<f32, Cpu>>,
+}
+
+impl LatentTrace<'_> {
+    /// The network's output.
+    pub fn output(&self) -> &Output {
+        &self.output
+    }
+
+    /// Gradient by the latent code, `[latent]`, of a loss whose derivative with respect to the output is `actuation_bar`
+    /// (`[n, 6]`) and `joint_bar`. A cotangent that is not finite gives a gradient that is not finite.
+    ///
+    /// # Panics
+    /// If `actuation_bar` has another length than the output's actuation.
+    pub fn backward(self, actuation_bar: &[f32], joint_bar: &[f32; JOINT_SIZE]) -> Vec<f32> {
+        let field_bar = field_cotangent(&self.weights, self.points, actuation_bar);
+        let latent = self.conditioned.latent.clone();
+        let gradients = sweep(self.conditioned, field_bar, joint_bar).expect(OUT_OF_MEMORY);
+        gradients.get(&latent).as_vec()
+    }
+}
+
+/// The cotangent of the effective weights from that of the actuation, whose length is checked.
+fn field_cotangent(weights: &FieldWeights, points: &[f32], actuation_bar: &[f32]) -> FieldWeights {
+    assert_eq!(
+        actuation_bar.len(),
+        points.len() / 3 * ACTUATION_SIZE,
+        "the cotangent needs {ACTUATION_SIZE} entries per point"
+    );
+    weights.vjp(points, actuation_bar)
+}
+
+/// The reverse sweep from the effective weights and the joint to everything they came from. The point evaluation enters the
+/// tape as one operation, whose cotangent has come from outside.
 fn sweep(
     conditioned: Conditioned<f32, OwnedTape<f32, Cpu>>,
-    field_bar: &FieldWeights,
+    field_bar: FieldWeights,
     joint_bar: &[f32; JOINT_SIZE],
-    leaves: &Leaves<f32>,
-) -> Result<Vec<f32>, CpuError> {
+) -> Result<Gradients<f32, Cpu>, CpuError> {
     let Conditioned {
         field,
         joint,
         mut tape,
         ..
     } = conditioned;
-    let field_bar = field_bar.clone();
     tape.add_backward_op(move |gradients| field_bar.seed(&field, gradients));
     let joint_bar = Cpu::default().tensor_from_vec(joint_bar.to_vec(), (JOINT_SIZE,));
     let seeded = joint.put_tape(tape).try_mul(joint_bar)?;
-    let gradients = seeded.try_sum::<Rank0, _>()?.try_backward()?;
-    Ok(leaves.flat_gradient(&gradients))
+    seeded.try_sum::<Rank0, _>()?.try_backward()
 }
 
 fn output<T>(
@@ -317,6 +388,23 @@ pub(crate) fn check_descriptor<E: num_traits::Float>(
     match first_non_finite(descriptor) {
         None => Ok(()),
         Some((index, value)) => Err(Error::NonFiniteDescriptor { index, value }),
+    }
+}
+
+/// The length and finiteness of a latent code.
+pub(crate) fn check_latent<E: num_traits::Float>(
+    config: &NetworkConfig,
+    latent: &[E],
+) -> Result<(), Error> {
+    if latent.len() != config.latent {
+        return Err(Error::LatentLength {
+            expected: config.latent,
+            found: latent.len(),
+        });
+    }
+    match first_non_finite(latent) {
+        None => Ok(()),
+        Some((index, value)) => Err(Error::NonFiniteLatent { index, value }),
     }
 }
 

@@ -5,8 +5,8 @@ use dfdx::prelude::{
     TensorFromVec, TryAdd, TryMul,
 };
 
-use crate::model::Model;
-use crate::net::{OUT_OF_MEMORY, check_descriptor, check_parameters, check_points};
+use crate::model::{Conditioned, Matrix, Model};
+use crate::net::{OUT_OF_MEMORY, check_descriptor, check_latent, check_parameters, check_points};
 use crate::{
     ACTUATION_SIZE, ActuationNet, Error, JOINT_SIZE, NetworkConfig, Output, OutputCotangent,
     ParameterTensor,
@@ -75,11 +75,22 @@ where
         let conditioned = model
             .condition::<NoneTape>(descriptor)
             .expect(OUT_OF_MEMORY);
-        let actuation = conditioned.field.forward(points).expect(OUT_OF_MEMORY);
-        Ok(Output {
-            actuation: actuation.as_vec(),
-            joint: joint_array(&conditioned.joint.as_vec()),
-        })
+        Ok(output(&conditioned, points))
+    }
+
+    /// The plain counterpart of [`ActuationNet::evaluate_latent`].
+    ///
+    /// # Errors
+    /// As there, but overflow is not looked for.
+    pub fn evaluate_latent(&self, latent: &[E], points: &[E]) -> Result<Output<E>, Error> {
+        check_latent(&self.config, latent)?;
+        check_points(points)?;
+        let device = Cpu::default();
+        let model = Model::new(&self.config, &self.layout, &self.parameters);
+        let latent = device.tensor_from_vec(latent.to_vec(), (latent.len(),));
+        let points = device.tensor_from_vec(points.to_vec(), (points.len() / 3, 3));
+        let conditioned = model.decode(latent, NoneTape).expect(OUT_OF_MEMORY);
+        Ok(output(&conditioned, points))
     }
 
     /// The plain counterpart of [`ActuationNet::evaluate_vjp`].
@@ -132,6 +143,17 @@ where
         })()
         .expect(OUT_OF_MEMORY);
         Ok((output, model.into_leaves().flat_gradient(&gradients)))
+    }
+}
+
+fn output<E: Real>(conditioned: &Conditioned<E, NoneTape>, points: Matrix<E>) -> Output<E>
+where
+    Cpu: Device<E>,
+{
+    let actuation = conditioned.field.forward(points).expect(OUT_OF_MEMORY);
+    Output {
+        actuation: actuation.as_vec(),
+        joint: joint_array(&conditioned.joint.as_vec()),
     }
 }
 
