@@ -1,5 +1,6 @@
 #![doc = include_str!("../README.md")]
 
+mod closest;
 mod error;
 mod gltf_io;
 mod morph;
@@ -13,6 +14,7 @@ mod self_intersections;
 mod surface;
 mod whole_file;
 
+pub use closest::{ClosestPoint, ClosestPoints};
 pub use error::SurfaceError;
 pub use gltf_io::{
     AnimationProblem, FrameAnimation, GltfProblem, read_gltf, write_animated_glb, write_glb,
