@@ -51,6 +51,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         sheet = sheet.row(Row {
             name,
             triangles: ball.triangles(),
+            target_triangles: None,
             target: &targets[index],
             simulated: &reached[index],
             errors: &errors[index],

@@ -85,7 +85,7 @@ pub enum ReportError {
     /// A comparison sheet has no rows.
     #[error("the sheet has no rows: add at least one shape")]
     EmptySheet,
-    /// A row's target, simulated surface and errors differ in length.
+    /// A row's target (unless it has triangles of its own), simulated surface and errors differ in length.
     #[error(
         "row {row} ({name}): {target} target vertices, {simulated} simulated ones and {errors} errors must be equally many"
     )]

@@ -26,8 +26,10 @@ const COLUMNS: usize = 3;
 pub struct Row<'a> {
     /// Name of the shape.
     pub name: &'a str,
-    /// Triangles of both surfaces.
+    /// Triangles of the simulated surface, and of the target unless that has its own.
     pub triangles: &'a [[u32; 3]],
+    /// Triangles of a target that is another mesh, such as a scan: it may then have any number of vertices.
+    pub target_triangles: Option<&'a [[u32; 3]]>,
     /// Vertices wanted, in length units.
     pub target: &'a [Vector3<f64>],
     /// Vertices reached.
@@ -36,6 +38,12 @@ pub struct Row<'a> {
     pub errors: &'a [f64],
     /// Anything else to be said; may be empty.
     pub note: &'a str,
+}
+
+impl<'a> Row<'a> {
+    fn target_mesh(&self) -> (&'a [Vector3<f64>], &'a [[u32; 3]]) {
+        (self.target, self.target_triangles.unwrap_or(self.triangles))
+    }
 }
 
 /// Pages of rows `target | simulated | error in colour`, with one camera and one colour scale for all of them.
@@ -50,6 +58,7 @@ pub struct Row<'a> {
 ///     .row(Row {
 ///         name: "stretched",
 ///         triangles: &[[0, 1, 2]],
+///         target_triangles: None,
 ///         target: &target,
 ///         simulated: &simulated,
 ///         errors: &[0.0, 0.1, 0.0],
@@ -159,7 +168,8 @@ impl<'a> ComparisonSheet<'a> {
 
 fn check_row(index: usize, row: &Row) -> Result<(), ReportError> {
     let (target, simulated, errors) = (row.target.len(), row.simulated.len(), row.errors.len());
-    if target != simulated || target != errors {
+    let target_fits = target == simulated || row.target_triangles.is_some();
+    if !target_fits || simulated != errors {
         return Err(ReportError::RowCount {
             row: index,
             name: row.name.to_owned(),
@@ -180,10 +190,10 @@ fn check_row(index: usize, row: &Row) -> Result<(), ReportError> {
             value: row.errors[vertex],
         });
     }
-    for vertices in [row.target, row.simulated] {
+    for (vertices, triangles) in [row.target_mesh(), (row.simulated, row.triangles)] {
         let mesh = Mesh {
             vertices,
-            triangles: row.triangles,
+            triangles,
             colours: Colours::Uniform(CLAY),
         };
         check_mesh(&mesh).map_err(|source| ReportError::Row {
@@ -348,15 +358,16 @@ impl<'a> Layout<'a> {
 
     fn draw_panels(&self, image: &mut Image, row: &Row, top: usize) -> Result<(), ReportError> {
         let colours = self.scale.colours(row.errors);
+        let simulated = (row.simulated, row.triangles);
         let panels = [
-            (row.target, Colours::Uniform(CLAY)),
-            (row.simulated, Colours::Uniform(CLAY)),
-            (row.simulated, Colours::PerVertex(&colours)),
+            (row.target_mesh(), Colours::Uniform(CLAY)),
+            (simulated, Colours::Uniform(CLAY)),
+            (simulated, Colours::PerVertex(&colours)),
         ];
-        for (column, (vertices, colours)) in panels.into_iter().enumerate() {
+        for (column, ((vertices, triangles), colours)) in panels.into_iter().enumerate() {
             let mesh = Mesh {
                 vertices,
-                triangles: row.triangles,
+                triangles,
                 colours,
             };
             let panel = render(&mesh, self.camera, self.panel[0], self.panel[1])?;

@@ -221,6 +221,7 @@ fn row<'a>(name: &'a str, vertices: &'a [Vector3<f64>], errors: &'a [f64]) -> Ro
     Row {
         name,
         triangles: &[[0, 1, 2]],
+        target_triangles: None,
         target: vertices,
         simulated: vertices,
         errors,
@@ -288,6 +289,14 @@ fn bad_rows_are_named() {
             ..
         }
     ));
+    let fewer = Row {
+        target: &vertices[..2],
+        ..row("smile", &vertices, &[0.0; 3])
+    };
+    assert!(matches!(
+        render(fewer),
+        ReportError::RowCount { target: 2, .. }
+    ));
     let missing = Row {
         triangles: &[[0, 1, 7]],
         ..row("smile", &vertices, &[0.0; 3])
@@ -297,6 +306,37 @@ fn bad_rows_are_named() {
             .to_string()
             .starts_with("row 0 (smile): triangle 0 names vertex 7")
     );
+}
+
+#[test]
+fn a_target_may_be_another_mesh() {
+    let vertices = [Vector3::zeros(), Vector3::x(), Vector3::y()];
+    let square = [vertices.as_slice(), &[Vector3::new(1.0, 1.0, 0.0)]].concat();
+    let other = Row {
+        target: &square,
+        target_triangles: Some(&[[0, 1, 2], [1, 3, 2]]),
+        ..row("scan", &vertices, &[0.0; 3])
+    };
+    let same = Row {
+        target: &square[..3],
+        target_triangles: None,
+        simulated: &square[..3],
+        ..other
+    };
+    let page = |row| ComparisonSheet::new("t", "mm").row(row).render().unwrap();
+    let clay = |image: &report::Image| {
+        let places = (0..image.width()).flat_map(|x| (0..image.height()).map(move |y| (x, y)));
+        places
+            .filter(|&(x, y)| image.pixel(x, y) != BACKGROUND)
+            .count()
+    };
+    assert!(clay(&page(other)[0]) > clay(&page(same)[0]) + 1000);
+    let missing = Row {
+        target_triangles: Some(&[[0, 1, 4]]),
+        ..other
+    };
+    let refused = ComparisonSheet::new("t", "mm").row(missing).render();
+    assert!(matches!(refused, Err(ReportError::Row { row: 0, .. })));
 }
 
 fn plot(points: Vec<(f64, f64)>) -> LinePlot {

@@ -17,34 +17,74 @@ use std::path::Path;
 /// # Errors
 /// When they cannot be drawn or written.
 pub fn write(folder: &Path, scene: &Scene, body: &Body, results: &[ShapeResult]) -> Result<()> {
-    let triangles = body.surface.triangles();
-    let errors: Vec<Vec<f64>> = (results.iter())
-        .map(|r| distances(&r.surface, &r.target).2)
-        .collect();
-    let notes: Vec<String> = results.iter().map(note).collect();
-    let (direction, up) = view(body);
-    let mut sheet = ComparisonSheet::new(
-        format!("{}: target and simulation", scene.name),
-        &scene.unit,
+    let rows = results.iter().map(|result| Compared {
+        name: result.name.clone(),
+        target: &result.target,
+        target_triangles: None,
+        simulated: &result.surface,
+        errors: distances(&result.surface, &result.target).2,
+        note: note(result),
+    });
+    let title = format!("{}: target and simulation", scene.name);
+    write_pages(
+        folder,
+        "sheet",
+        title,
+        scene,
+        body,
+        &rows.collect::<Vec<_>>(),
     )
-    .view(direction, up)
-    .rows_per_page(6);
-    for (i, result) in results.iter().enumerate() {
+}
+
+/// A simulated surface beside what it should be.
+pub(crate) struct Compared<'a> {
+    /// What the row is called.
+    pub name: String,
+    /// The target's vertices.
+    pub target: &'a [Vector3<f64>],
+    /// Triangles of a target that is another mesh than the body's surface.
+    pub target_triangles: Option<&'a [[u32; 3]]>,
+    /// The simulated vertices of the body's surface.
+    pub simulated: &'a [Vector3<f64>],
+    /// Error of each of them, scene unit.
+    pub errors: Vec<f64>,
+    /// Anything else to be said.
+    pub note: String,
+}
+
+/// Writes pages `PREFIX-1.png` and so on; pages of that prefix beyond the last are removed.
+///
+/// # Errors
+/// When they cannot be drawn or written.
+pub(crate) fn write_pages(
+    folder: &Path,
+    prefix: &str,
+    title: String,
+    scene: &Scene,
+    body: &Body,
+    rows: &[Compared],
+) -> Result<()> {
+    let (direction, up) = view(body);
+    let mut sheet = ComparisonSheet::new(title, &scene.unit)
+        .view(direction, up)
+        .rows_per_page(6);
+    for row in rows {
         sheet = sheet.row(Row {
-            name: &result.name,
-            triangles,
-            target: &result.target,
-            simulated: &result.surface,
-            errors: &errors[i],
-            note: &notes[i],
+            name: &row.name,
+            triangles: body.surface.triangles(),
+            target_triangles: row.target_triangles,
+            target: row.target,
+            simulated: row.simulated,
+            errors: &row.errors,
+            note: &row.note,
         });
     }
     let pages = sheet.render()?;
     for (i, page) in pages.iter().enumerate() {
-        page.write_png(folder.join(format!("sheet-{}.png", i + 1)))?;
+        page.write_png(folder.join(format!("{prefix}-{}.png", i + 1)))?;
     }
     for stale in pages.len() + 1.. {
-        let path = folder.join(format!("sheet-{stale}.png"));
+        let path = folder.join(format!("{prefix}-{stale}.png"));
         if !path.exists() {
             return Ok(());
         }
