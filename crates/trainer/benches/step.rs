@@ -3,13 +3,13 @@
 
 use actuation_net::{ActuationNet, AdamState};
 use criterion::{BatchSize, Criterion, criterion_group, criterion_main};
-use pd_solver::Solver;
 use std::path::Path;
 use std::time::Duration;
 use trainer::body::Body;
 use trainer::evaluate::Evaluator;
 use trainer::scene::Scene;
 use trainer::shapes::{Shapes, load_shapes};
+use trainer::simulator::Simulator;
 use trainer::stage1::{self, Regression};
 use trainer::stage2::{Outcome, ThroughSimulator};
 use trainer::train::network_config;
@@ -65,12 +65,11 @@ fn steps(c: &mut Criterion) {
         );
     });
     let mut simulator = ThroughSimulator {
-        hanging: None,
         body: &body,
         scene: &scene,
         shapes: &training,
         descriptors: &descriptors,
-        solver: Solver::new(&body.mesh, &scene.effects).expect("valid effects"),
+        simulator: Simulator::new(&body, &scene).expect("valid effects"),
         blends: (scene.stage2.blend_weight > 0.0).then_some(&regression),
     };
     group.bench_function("stage 2, one step", |b| {

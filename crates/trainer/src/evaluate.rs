@@ -5,17 +5,17 @@ use crate::body::Body;
 use crate::error::{Result, TrainerError};
 use crate::files::{create_folder, write_json};
 use crate::frames::{frame_shapes, is_frames_file, is_json, read_frames, read_units};
-use crate::hanging::Hanging;
 use crate::loss::distances;
 use crate::progress::{Phase, stop_requested};
 use crate::run::Run;
 use crate::scene::Scene;
 use crate::shapes::{Shape, ShapeSet, Shapes, difference, read_matching};
-use crate::stage2::set_actuation;
+use crate::simulator::{Equilibrium, Simulator};
 use crate::trained::Trained;
+use actuation_net::Output;
 use face_rig::JointParameters;
 use nalgebra::Vector3;
-use pd_solver::{SolveOptions, Solver, Status, Stop};
+use pd_solver::{SolveOptions, Status, Stop};
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 use surface_mesh::{MorphTarget, MorphedSurface, write_glb};
@@ -87,8 +87,7 @@ pub struct Metrics<'a> {
 pub struct Evaluator<'a> {
     body: &'a Body,
     scene: &'a Scene,
-    solver: Solver,
-    hanging: Option<Hanging>,
+    simulator: Simulator,
 }
 
 impl<'a> Evaluator<'a> {
@@ -97,13 +96,31 @@ impl<'a> Evaluator<'a> {
     /// # Errors
     /// When the effects do not fit the body.
     pub fn new(body: &'a Body, scene: &'a Scene) -> Result<Self> {
-        let solver = Solver::new(&body.mesh, &body.effects(scene)?)?;
         Ok(Self {
             body,
             scene,
-            hanging: Hanging::new(body, &solver),
-            solver,
+            simulator: Simulator::new(body, scene)?,
         })
+    }
+
+    /// The equilibrium of an answer of the network, to the accuracy of the scene's evaluation.
+    ///
+    /// # Errors
+    /// When something does not fit or is not finite.
+    pub fn equilibrium(
+        &mut self,
+        answer: &Output,
+        start: Option<&[Vector3<f64>]>,
+    ) -> Result<Equilibrium> {
+        let accuracy = self.scene.evaluation.accuracy * self.body.diagonal;
+        let options =
+            SolveOptions::new(Stop::Accuracy(accuracy)).with_method(self.scene.evaluation.method);
+        self.simulator.equilibrium(answer, start, &options)
+    }
+
+    /// The solver and what hangs on the joint.
+    pub fn simulator(&mut self) -> &mut Simulator {
+        &mut self.simulator
     }
 
     /// Simulates one shape from its descriptor, from rest or from node positions given.
@@ -119,19 +136,14 @@ impl<'a> Evaluator<'a> {
     ) -> Result<ShapeResult> {
         let clock = std::time::Instant::now();
         let output = net.evaluate(&descriptor, &Samples::all(&self.body.points))?;
-        let mut parameters = self.solver.rest_parameters();
-        set_actuation(&mut parameters, &output.actuation);
-        let hanging = self.hanging.as_ref();
-        let theta = hanging.map(|hanging| hanging.drive(&output.joint, &mut parameters));
-        let accuracy = self.scene.evaluation.accuracy * self.body.diagonal;
-        let options =
-            SolveOptions::new(Stop::Accuracy(accuracy)).with_method(self.scene.evaluation.method);
-        let solution = self.solver.solve(&parameters, start, &options)?;
+        let Equilibrium {
+            theta, solution, ..
+        } = self.equilibrium(&output, start)?;
         let surface = self.body.surface_positions(&solution.positions);
         let seconds = clock.elapsed().as_secs_f64();
         let (mean_error, max_error, all) = distances(&surface, &shape.positions);
         let (weighted_error, error_p99) = weighted(&all, &self.body.vertex_weights);
-        let jaw = hanging.zip(theta).zip(shape.joint);
+        let jaw = self.simulator.hanging.as_ref().zip(theta).zip(shape.joint);
         let percent = 100.0 / self.body.diagonal;
         Ok(ShapeResult {
             name: shape.name.clone(),

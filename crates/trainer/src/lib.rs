@@ -34,6 +34,7 @@ pub mod run;
 pub mod scene;
 pub mod shapes;
 mod sheets;
+pub mod simulator;
 pub mod solve;
 pub mod stage1;
 pub mod stage2;

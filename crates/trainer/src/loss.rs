@@ -3,7 +3,8 @@
 use crate::body::Body;
 use crate::inversion::add_inversion;
 use crate::scene::LossSettings;
-use nalgebra::Vector3;
+use nalgebra::{DMatrix, Vector3};
+use std::borrow::Cow;
 use surface_mesh::{vertex_normals, vertex_normals_vjp};
 
 /// Distances are counted in hundredths of the bounding-box diagonal, so that a loss of 1 is an error that one sees.
@@ -12,8 +13,15 @@ pub const UNIT: f64 = 0.01;
 /// A target on the surface, with the normals it needs.
 pub struct Loss<'a> {
     body: &'a Body,
-    target: &'a [Vector3<f64>],
-    normals: Option<(f64, Vec<Vector3<f64>>)>,
+    target: Cow<'a, [Vector3<f64>]>,
+    /// What each vertex counts.
+    weights: Cow<'a, [f64]>,
+    /// alpha.
+    normal_weight: f64,
+    /// Target normals, where anything needs them.
+    normals: Vec<Vector3<f64>>,
+    /// Whether the target of a vertex follows it along the target's tangent plane.
+    slides: bool,
     inversion_weight: f64,
 }
 
@@ -21,37 +29,58 @@ impl<'a> Loss<'a> {
     /// The loss against one target shape.
     pub fn new(body: &'a Body, target: &'a [Vector3<f64>], settings: &LossSettings) -> Self {
         let normal_weight = settings.normal_weight;
-        let normals = (normal_weight > 0.0).then(|| {
-            (
-                normal_weight,
-                vertex_normals(target, body.surface.triangles()),
-            )
-        });
+        let normals = match normal_weight > 0.0 {
+            true => vertex_normals(target, body.surface.triangles()),
+            false => Vec::new(),
+        };
         Self {
             body,
-            target,
+            target: target.into(),
+            weights: body.vertex_weights.as_slice().into(),
+            normal_weight,
             normals,
+            inversion_weight: settings.inversion_weight,
+            slides: false,
+        }
+    }
+
+    /// The loss against the places of another surface where it is nearest to the vertices: positions, unit normals there, and what each
+    /// vertex counts instead of [`Body::vertex_weights`].
+    pub fn on_surface(
+        body: &'a Body,
+        target: Vec<Vector3<f64>>,
+        normals: Vec<Vector3<f64>>,
+        weights: Vec<f64>,
+        settings: &LossSettings,
+    ) -> Self {
+        Self {
+            body,
+            target: target.into(),
+            weights: weights.into(),
+            normal_weight: settings.normal_weight,
+            normals,
+            slides: true,
             inversion_weight: settings.inversion_weight,
         }
     }
 
     /// Value and gradient by the surface's vertices:
-    /// `sum_v a_v (|x_v - t_v|^2 / (1 % of the diagonal)^2 + alpha |n_v - m_v|^2)` with area shares a_v.
+    /// `sum_v a_v (|x_v - t_v|^2 / (1 % of the diagonal)^2 + alpha |n_v - m_v|^2)` with weights a_v (area shares, unless said otherwise).
     pub fn surface(&self, x: &[Vector3<f64>]) -> (f64, Vec<Vector3<f64>>) {
-        let weights = &self.body.vertex_weights;
-        let scale = 1.0 / (UNIT * self.body.diagonal).powi(2);
+        let scale = squared_unit(self.body).recip();
         let mut value = 0.0;
         let mut gradient = Vec::with_capacity(x.len());
-        for ((x, t), a) in x.iter().zip(self.target).zip(weights) {
+        for ((x, t), a) in x.iter().zip(&*self.target).zip(&*self.weights) {
             let off = x - t;
             value += a * scale * off.norm_squared();
             gradient.push(off * (2.0 * a * scale));
         }
-        if let Some((alpha, targets)) = &self.normals {
+        let alpha = self.normal_weight;
+        if alpha > 0.0 {
             let triangles = self.body.surface.triangles();
             let normals = vertex_normals(x, triangles);
             let mut normals_bar = Vec::with_capacity(x.len());
-            for ((n, m), a) in normals.iter().zip(targets).zip(weights) {
+            for ((n, m), a) in normals.iter().zip(&self.normals).zip(&*self.weights) {
                 let off = n - m;
                 value += alpha * a * off.norm_squared();
                 normals_bar.push(off * (2.0 * alpha * a));
@@ -60,6 +89,43 @@ impl<'a> Loss<'a> {
             gradient.iter_mut().zip(more).for_each(|(g, m)| *g += m);
         }
         (value, gradient)
+    }
+
+    /// The Gauss-Newton matrix of the value at `x` for variables whose first-order effects on the vertices are `effects`: `2 J^T J` of the
+    /// residuals whose squares the value sums. Where targets slide, only distances along their normals count.
+    pub fn gauss_newton(&self, x: &[Vector3<f64>], effects: &[Vec<Vector3<f64>>]) -> DMatrix<f64> {
+        let scale = squared_unit(self.body).recip();
+        let per_vertex = if self.normal_weight > 0.0 { 6 } else { 3 };
+        let mut residuals = DMatrix::zeros(per_vertex * x.len(), effects.len());
+        for (mut column, effect) in residuals.column_iter_mut().zip(effects) {
+            for (v, (s, a)) in effect.iter().zip(&*self.weights).enumerate() {
+                let along = match self.slides {
+                    true => self.normals[v] * self.normals[v].dot(s),
+                    false => *s,
+                };
+                let part = along * (a * scale).sqrt();
+                column.rows_mut(per_vertex * v, 3).copy_from(&part);
+            }
+            if self.normal_weight > 0.0 {
+                let triangles = self.body.surface.triangles();
+                // Small beside an edge, so that the difference is the slope.
+                let largest = effect
+                    .iter()
+                    .map(|s| s.norm())
+                    .fold(f64::MIN_POSITIVE, f64::max);
+                let h = 1e-6 * self.body.diagonal / largest;
+                let moved = |h: f64| {
+                    let moved = x.iter().zip(effect).map(|(x, s)| x + s * h);
+                    vertex_normals(&moved.collect::<Vec<_>>(), triangles)
+                };
+                for (v, (up, down)) in moved(h).iter().zip(moved(-h)).enumerate() {
+                    let factor = (self.normal_weight * self.weights[v]).sqrt() / (2.0 * h);
+                    let part = (up - down) * factor;
+                    column.rows_mut(per_vertex * v + 3, 3).copy_from(&part);
+                }
+            }
+        }
+        residuals.tr_mul(&residuals) * 2.0
     }
 
     /// Value and gradient by the nodes: the loss on the surface, and what inverted material costs.
@@ -74,6 +140,11 @@ impl<'a> Loss<'a> {
         }
         (value, node_bar)
     }
+}
+
+/// The squared distance that the loss counts as 1.
+fn squared_unit(body: &Body) -> f64 {
+    (UNIT * body.diagonal).powi(2)
 }
 
 /// Mean and largest distance between vertices.

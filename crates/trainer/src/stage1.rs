@@ -310,7 +310,7 @@ mod tests {
     use super::*;
     use crate::fixture;
     use crate::loss::distances;
-    use crate::stage2::set_actuation;
+    use crate::simulator::set_actuation;
     use actuation_net::{ActuationNet, NetworkConfig, Width};
 
     fn norm(gradient: &[Vector3<f64>]) -> f64 {

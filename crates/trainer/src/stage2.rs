@@ -4,16 +4,14 @@ use crate::actuator::{Actuator, Reverse, Samples};
 use crate::body::Body;
 use crate::draw;
 use crate::error::Result;
-use crate::hanging::Hanging;
 use crate::loss::{Loss, distances};
 use crate::scene::{Scene, Stage2};
 use crate::shapes::Shape;
+use crate::simulator::Simulator;
 use crate::stage1::Regression;
-use actuation_net::{Adam, AdamState, JOINT_SIZE};
+use actuation_net::{Adam, AdamState};
 use nalgebra::Vector3;
-use pd_solver::{
-    AdjointOptions, AdjointStats, Parameters, SolveOptions, SolveStats, Solver, Status, Stop,
-};
+use pd_solver::{AdjointStats, SolveOptions, SolveStats, Status, Stop};
 
 /// Superpositions learned along with one step.
 const BLENDS_PER_STEP: usize = 2;
@@ -50,10 +48,8 @@ pub struct ThroughSimulator<'a> {
     pub shapes: &'a [&'a Shape],
     /// Their descriptors.
     pub descriptors: &'a [Vec<f32>],
-    /// The solver.
-    pub solver: Solver,
-    /// What hangs on the joint.
-    pub hanging: Option<Hanging>,
+    /// The solver and what hangs on the joint.
+    pub simulator: Simulator,
     /// Superpositions that are learned along, where the scene wants it.
     pub blends: Option<&'a Regression<'a>>,
 }
@@ -87,14 +83,12 @@ impl ThroughSimulator<'_> {
             Ok(traced) => traced,
             Err(error) => return Ok(Outcome::Dropped(error.to_string())),
         };
-        let mut parameters = self.solver.rest_parameters();
-        set_actuation(&mut parameters, &traced.output().actuation);
-        let hanging = self.hanging.as_ref();
-        let theta = hanging.map(|hanging| hanging.drive(&traced.output().joint, &mut parameters));
         let options = SolveOptions::new(Stop::Accuracy(settings.accuracy * self.body.diagonal));
-        let solution = self
-            .solver
-            .solve(&parameters, Some(&warm[shape]), &options)?;
+        let start = Some(warm[shape].as_slice());
+        let reached = self
+            .simulator
+            .equilibrium(traced.output(), start, &options)?;
+        let solution = &reached.solution;
         if solution.status != Status::Converged {
             let reason = format!(
                 "{}: the equilibrium is {:?}",
@@ -105,41 +99,22 @@ impl ThroughSimulator<'_> {
         let target = &self.shapes[shape].positions;
         let loss = Loss::new(self.body, target, &self.scene.loss);
         let (mut value, node_bar) = loss.nodes(&solution.positions);
-        let options = AdjointOptions {
-            tolerance: settings.adjoint_tolerance,
-            ..AdjointOptions::default()
-        };
-        let adjoint = self
-            .solver
-            .adjoint(&parameters, &solution, &node_bar, &options)?;
-        let Some(gradient) = adjoint.gradient.filter(|_| adjoint.status.is_converged()) else {
-            let reason = format!(
-                "{}: the adjoint is {:?}",
-                self.shapes[shape].name, adjoint.status
-            );
-            return Ok(Outcome::Dropped(reason));
-        };
-        let actuation_bar: Vec<f32> = gradient
-            .actuation
-            .iter()
-            .flatten()
-            .map(|&x| x as f32)
-            .collect();
-        let mut joint_bar = [0.0; JOINT_SIZE];
-        if let Some((hanging, theta)) = hanging.zip(theta) {
-            let through_body = hanging.vjp(theta, &gradient.prescribed);
-            joint_bar = through_body;
-            if let Some(wanted) = self.shapes[shape].joint {
-                let weight = self.scene.loss.jaw_weight;
-                let (more, known) = hanging.misfit(theta, wanted, weight);
-                value += more;
-                joint_bar
-                    .iter_mut()
-                    .zip(known)
-                    .for_each(|(bar, b)| *bar += b);
+        let tolerance = settings.adjoint_tolerance;
+        let cotangent = self.simulator.cotangent(&reached, &node_bar, tolerance)?;
+        let (mut bar, adjoint) = match cotangent {
+            Ok(done) => done,
+            Err(status) => {
+                let reason = format!("{}: the adjoint is {status:?}", self.shapes[shape].name);
+                return Ok(Outcome::Dropped(reason));
             }
+        };
+        let hanging = self.simulator.hanging.as_ref().zip(reached.theta);
+        if let Some(((hanging, theta), wanted)) = hanging.zip(self.shapes[shape].joint) {
+            let (more, known) = hanging.misfit(theta, wanted, self.scene.loss.jaw_weight);
+            value += more;
+            bar.joint.iter_mut().zip(known).for_each(|(a, b)| *a += b);
         }
-        let mut gradient = traced.backward(&actuation_bar, &joint_bar);
+        let mut gradient = traced.backward(&bar.actuation, &bar.joint);
         if let Some(blends) = &self.blends {
             let mut generator = draw::generator(self.scene.seed, 5, step);
             let weight = settings.blend_weight / BLENDS_PER_STEP as f64;
@@ -161,23 +136,16 @@ impl ThroughSimulator<'_> {
         if let Err(error) = adam_settings.step(adam, net.parameters_mut(), &gradient) {
             return Ok(Outcome::Dropped(error.to_string()));
         }
-        let reached = self.body.surface_positions(&solution.positions);
-        let (mean_error, _, _) = distances(&reached, target);
+        let solution = reached.solution;
+        let surface = self.body.surface_positions(&solution.positions);
+        let (mean_error, _, _) = distances(&surface, target);
         warm[shape] = solution.positions;
         Ok(Outcome::Stepped(Box::new(Step {
             shape,
             loss: value,
             mean_error,
             forward: solution.stats,
-            adjoint: adjoint.stats,
+            adjoint,
         })))
-    }
-}
-
-/// Puts the network's answer, `[samples, 6]`, into a solver's parameters.
-pub fn set_actuation(parameters: &mut Parameters, actuation: &[f32]) {
-    let rows = actuation.chunks_exact(6);
-    for (out, row) in parameters.actuation.iter_mut().zip(rows) {
-        *out = std::array::from_fn(|i| f64::from(row[i]));
     }
 }

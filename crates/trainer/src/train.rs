@@ -5,12 +5,12 @@ use crate::checkpoint::{Checkpoint, RunningMean, Stage, StageError};
 use crate::error::{Result, TrainerError};
 use crate::evaluate::{self, Evaluator, ShapeResult};
 use crate::files::create_folder;
-use crate::hanging::Hanging;
 use crate::progress::{Phase, note, stop_requested};
 use crate::rig::Rig;
 use crate::run::{Metrics, Run};
 use crate::scene::Scene;
 use crate::shapes::{Shape, Shapes};
+use crate::simulator::Simulator;
 use crate::stage1::{self, Pulled, Regression};
 use crate::stage2::{self, Outcome, ThroughSimulator};
 use crate::table::mean_of;
@@ -336,14 +336,12 @@ impl Session<'_> {
         descriptors: &[Vec<f32>],
     ) -> Result<()> {
         let steps = stage2::steps(&self.scene.stage2, training.len());
-        let solver = Solver::new(&self.body.mesh, &self.body.effects(self.scene)?)?;
         let mut simulator = ThroughSimulator {
             body: self.body,
             scene: self.scene,
             shapes: training,
             descriptors,
-            hanging: Hanging::new(self.body, &solver),
-            solver,
+            simulator: Simulator::new(self.body, self.scene)?,
             blends: (self.scene.stage2.blend_weight > 0.0).then_some(regression),
         };
         let percent = 100.0 / self.body.diagonal;

@@ -3,16 +3,15 @@
 use super::{CompareRequest, check_stop};
 use crate::actuator::{Actuator, ElementDecoder};
 use crate::error::{Result, TrainerError};
-use crate::hanging::Hanging;
 use crate::progress::{Phase, note};
 use crate::scene::{Scene, Stage1};
+use crate::simulator::Simulator;
 use crate::stage1::{self, Regression};
 use crate::stage2::{self, Outcome, ThroughSimulator};
 use crate::train::MAX_FAILURES;
 use crate::trained::Trained;
 use actuation_net::{AdamState, DecoderConfig, ExplicitDecoder, TensorFile};
 use nalgebra::Vector3;
-use pd_solver::Solver;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 use std::time::Instant;
@@ -202,15 +201,13 @@ fn train(
     let regression = regression(&settings);
     let stage1_steps = regress(&regression, decoder)?;
 
-    let solver = Solver::new(&body.mesh, &body.effects(scene)?)?;
     let hastened: Scene;
     let mut simulator = ThroughSimulator {
         body,
         scene,
         shapes: &training,
         descriptors: &descriptors,
-        hanging: Hanging::new(body, &solver),
-        solver,
+        simulator: Simulator::new(body, scene)?,
         blends: (scene.stage2.blend_weight > 0.0).then_some(&regression),
     };
     let mut warm: Vec<Vec<Vector3<f64>>> = pulled.iter().map(|p| p.nodes.clone()).collect();
