@@ -12,6 +12,8 @@ cargo xtask COMMAND
                  simulate and measure the shapes of a trained run, and others
   eval RUN (--curves FILE.csv|.json | --blend A:B:N) [--units FILE.glb] [--fps RATE] [--element-size H] [--out DIR]
                  simulate weights per frame, or the codes from one shape to another, into an animation and pictures
+  eval RUN --fit (--shapes FILE.glb|.json [--units FILE.glb] | --scan FILE.obj|.glb [--scan-reach D]) [--fit-steps N] [--element-size H] [--out DIR]
+                 adjust latent code and joint to shapes that no weights describe, or to a scan; errors before and after
   compare RUN [--shapes FILE.glb|.json] [--units FILE.glb] [--width N] [--seconds S] [--retrain] [--out DIR]
                  set the trained field beside linear blendshapes and an explicit decoder, on the same frames, in a table
   import ict-facekit DIR [--out DATA]

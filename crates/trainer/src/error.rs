@@ -175,6 +175,24 @@ pub enum TrainerError {
         /// What is wrong and how to mend it.
         problem: String,
     },
+    /// A scan that cannot be fitted.
+    #[error("the scan {}: {problem}", path.display())]
+    Scan {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong and how to mend it.
+        problem: String,
+    },
+    /// A shape that the search cannot start from.
+    #[error(
+        "`{shape}` cannot be fitted: the equilibrium that the fit starts from is {status:?}; try another --element-size, or a larger `evaluation.accuracy` in the run's scene.toml"
+    )]
+    FitStart {
+        /// The shape.
+        shape: String,
+        /// How the solver ended.
+        status: pd_solver::Status,
+    },
     /// A run folder that cannot be used as asked.
     #[error("{}: {problem}", path.display())]
     Run {

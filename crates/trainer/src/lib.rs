@@ -2,7 +2,7 @@
 //!
 //! A [`scene::Scene`] says what a body is made of and which shapes it is to learn; [`train::train`] turns it into a run folder;
 //! [`evaluate::evaluate`] simulates and measures what was learned; [`performance::perform`] turns curves of weights into an animation;
-//! [`compare::compare`] sets the field beside linear blendshapes and an explicit decoder; [`solve::solve`] makes the solver usable by itself. The program
+//! [`fit::fit`] fits codes to shapes that none describes; [`compare::compare`] sets the field beside linear blendshapes and an explicit decoder; [`solve::solve`] makes the solver usable by itself. The program
 //! `myofield` is a command line over these.
 
 /// Compiles the examples of the README.
@@ -19,6 +19,7 @@ mod draw;
 pub mod error;
 pub mod evaluate;
 pub mod files;
+pub mod fit;
 #[cfg(test)]
 mod fixture;
 pub mod frames;

@@ -207,4 +207,63 @@ mod tests {
             );
         }
     }
+
+    /// Where nothing is off, the Gauss-Newton matrix is the Hessian.
+    #[test]
+    fn the_gauss_newton_matrix_is_the_curvature_at_the_target() {
+        let body = Body::new("sphere", icosphere(2, 1.0), 0.3, 1).unwrap();
+        let x = body.surface.vertices().to_vec();
+        let effects: Vec<Vec<Vector3<f64>>> = [0.7, 1.9]
+            .map(|k: f64| {
+                let effect = |i: usize| Vector3::new((i as f64 * k).sin(), (i as f64).cos(), k);
+                (0..x.len()).map(effect).collect()
+            })
+            .to_vec();
+        for alpha in [0.0, 1.0] {
+            let settings = LossSettings {
+                normal_weight: alpha,
+                ..LossSettings::default()
+            };
+            let loss = Loss::new(&body, &x, &settings);
+            let matrix = loss.gauss_newton(&x, &effects);
+            let at = |a: f64, b: f64| {
+                let moved = x.iter().zip(&effects[0]).zip(&effects[1]);
+                let moved: Vec<_> = moved.map(|((x, s), t)| x + s * a + t * b).collect();
+                loss.surface(&moved).0
+            };
+            let h = 1e-4;
+            for (i, j, found) in [
+                (0, 0, (at(h, 0.0) + at(-h, 0.0)) / (h * h)),
+                (1, 1, (at(0.0, h) + at(0.0, -h)) / (h * h)),
+                (
+                    0,
+                    1,
+                    (at(h, h) - at(h, -h) - at(-h, h) + at(-h, -h)) / (4.0 * h * h),
+                ),
+            ] {
+                let exact = matrix[(i, j)];
+                assert!(
+                    (found - exact).abs() < 1e-4 * matrix.norm(),
+                    "{found} {exact}"
+                );
+                assert_eq!(matrix[(j, i)], exact);
+            }
+        }
+    }
+
+    #[test]
+    fn sliding_along_a_surface_is_free() {
+        let body = Body::new("sphere", icosphere(2, 1.0), 0.3, 1).unwrap();
+        let x = body.surface.vertices().to_vec();
+        let outwards: Vec<_> = x.iter().map(|x| x.normalize()).collect();
+        let around: Vec<_> = x.iter().map(|x| Vector3::y().cross(x)).collect();
+        let weights = body.vertex_weights.clone();
+        let settings = LossSettings::default();
+        assert_eq!(settings.normal_weight, 0.0);
+        let loss = Loss::on_surface(&body, x.clone(), outwards.clone(), weights, &settings);
+        let matrix = loss.gauss_newton(&x, &[outwards, around]);
+        let whole = 2.0 / squared_unit(&body);
+        assert!((matrix[(0, 0)] - whole).abs() < 1e-9 * whole);
+        assert!(matrix[(1, 1)].abs() < 1e-9 * whole);
+    }
 }

@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use trainer::compare::{CompareRequest, compare, markdown};
 use trainer::evaluate::{EvaluationRequest, evaluate, parse_weights};
+use trainer::fit::{DEFAULT_STEPS, FitRequest, FitSource, fit, fit_table};
 use trainer::performance::{CodePath, DEFAULT_FPS, PerformanceRequest, Source, perform, summary};
 use trainer::rig::Rig;
 use trainer::run::{Run, newest_folder, next_folder};
@@ -58,7 +59,7 @@ struct EvalArgs {
     run: PathBuf,
     /// Shapes that were not trained: a glTF or GLB file over the same vertices, or a JSON or CSV file of frames with weights over
     /// the scene's shapes.
-    #[arg(long, value_name = "FILE")]
+    #[arg(long, value_name = "FILE", group = "fit_targets")]
     shapes: Option<PathBuf>,
     /// A blend of shapes, such as "curl=0.5,lift=0.5"; may be given several times.
     #[arg(long, value_name = "LIST")]
@@ -72,6 +73,36 @@ struct EvalArgs {
     /// A glTF or GLB file over the same vertices whose morph targets are what frames weigh, instead of the scene's shapes.
     #[arg(long, value_name = "FILE")]
     units: Option<PathBuf>,
+    /// Only a fit: adjust latent code and joint by gradients through the simulator, until they reach the shapes of --shapes or the
+    /// surfaces of --scan as nearly as the network allows.
+    #[arg(long, requires = "fit_targets", conflicts_with_all = ["curves", "blend", "weights"])]
+    fit: bool,
+    /// A surface to fit, of any topology (OBJ, glTF, GLB), in the frame and unit of the neutral surface; may be given several times.
+    #[arg(
+        long,
+        value_name = "FILE",
+        group = "fit_targets",
+        requires = "fit",
+        conflicts_with_all = ["shapes", "units"]
+    )]
+    scan: Vec<PathBuf>,
+    /// Vertices farther from a scan than this are left out (5 % of the bounding-box diagonal unless given).
+    #[arg(
+        long,
+        value_name = "LENGTH",
+        requires = "scan",
+        conflicts_with = "shapes",
+        allow_hyphen_values = true
+    )]
+    scan_reach: Option<f64>,
+    /// Steps of the fit at most (30 unless given).
+    #[arg(
+        long,
+        value_name = "N",
+        requires = "fit",
+        allow_negative_numbers = true
+    )]
+    fit_steps: Option<usize>,
     /// Frames per second of a performance (24 unless given).
     #[arg(
         long,
@@ -288,6 +319,9 @@ fn run_eval(args: EvalArgs) -> trainer::Result<()> {
     if let Some(source) = source {
         return run_performance(&run, source, args);
     }
+    if args.fit {
+        return run_fit(&run, args);
+    }
     let scene = run.scene()?;
     let blends = args.weights.iter().map(|w| parse_weights(w));
     let request = EvaluationRequest {
@@ -301,6 +335,32 @@ fn run_eval(args: EvalArgs) -> trainer::Result<()> {
     let diagonal = run.inputs()?.surface.diagonal();
     println!("\n{}", table(&results, &[], diagonal, &scene.unit));
     println!("written to {}", folder.display());
+    Ok(())
+}
+
+fn run_fit(run: &Run, args: EvalArgs) -> trainer::Result<()> {
+    let source = match args.shapes {
+        Some(file) => FitSource::Shapes {
+            file,
+            units: args.units,
+        },
+        None => FitSource::Scans {
+            files: args.scan,
+            reach: args.scan_reach,
+        },
+    };
+    let request = FitRequest {
+        source,
+        steps: args.fit_steps.unwrap_or(DEFAULT_STEPS),
+        element_size: args.element_size,
+        out: args.out,
+    };
+    let fitted = fit(run, &request)?;
+    println!("\n{}", fit_table(&fitted));
+    let folder = fitted.folder.display();
+    println!("numbers   {folder}/fit.json (with the fitted codes and joints)");
+    println!("pictures  {folder}/fit-sheet-1.png and on");
+    println!("meshes    {folder}/fit.glb (every fitted shape as a morph target)");
     Ok(())
 }
 
