@@ -2,10 +2,12 @@
 
 use crate::body::Body;
 use crate::evaluate::ShapeResult;
+use crate::rig::{Bone, Jaw, Rig};
 use crate::scene::Scene;
 use crate::shapes::{ShapeSet, Shapes, difference};
 use nalgebra::Vector3;
 use pd_solver::Status;
+use std::collections::BTreeMap;
 use std::path::Path;
 use surface_mesh::primitives::icosphere;
 use surface_mesh::{MorphTarget, MorphedSurface};
@@ -66,6 +68,29 @@ pub fn inputs() -> MorphedSurface {
 pub fn body(scene: &Scene) -> Body {
     let mesh = &scene.mesh;
     Body::new("ball", inputs().surface, mesh.element_size, mesh.samples).unwrap()
+}
+
+/// A bone in the ball that moves on a joint.
+pub fn rig() -> Rig {
+    let bone = icosphere(2, 0.45);
+    let aside = bone
+        .vertices()
+        .iter()
+        .map(|x| x + Vector3::new(0.3, 0.0, 0.0));
+    Rig {
+        bones: vec![Bone {
+            name: "mandible".into(),
+            moves: true,
+            reach: 0.0,
+            surface: bone.with_vertices(aside.collect()).unwrap(),
+        }],
+        jaw: Some(Jaw {
+            pivot: [-0.4, 0.2, 0.1],
+            shapes: BTreeMap::new(),
+            residual_angle: 0.0,
+            residual_max: 0.0,
+        }),
+    }
 }
 
 pub fn shapes(scene: &Scene, body: &Body) -> Shapes {

@@ -128,38 +128,14 @@ impl Hanging {
 mod tests {
     use super::*;
     use crate::fixture;
-    use crate::rig::{Bone, Jaw, Rig};
-    use std::collections::BTreeMap;
-    use surface_mesh::primitives::icosphere;
-
-    fn rig() -> Rig {
-        let bone = icosphere(2, 0.45);
-        let aside = bone
-            .vertices()
-            .iter()
-            .map(|x| x + Vector3::new(0.3, 0.0, 0.0));
-        Rig {
-            bones: vec![Bone {
-                name: "mandible".into(),
-                moves: true,
-                reach: 0.0,
-                surface: bone.with_vertices(aside.collect()).unwrap(),
-            }],
-            jaw: Some(Jaw {
-                pivot: [-0.4, 0.2, 0.1],
-                shapes: BTreeMap::new(),
-                residual_angle: 0.0,
-                residual_max: 0.0,
-            }),
-        }
-    }
+    use crate::rig::Rig;
 
     /// The cotangent of the answer is the slope of a loss on the prescribed positions.
     #[test]
     fn the_cotangent_is_the_slope() {
         let scene = fixture::scene("");
         let surface = fixture::inputs().surface;
-        let body = Body::of_scene(&scene, surface, &rig(), 0.2).unwrap();
+        let body = Body::of_scene(&scene, surface, &fixture::rig(), 0.2).unwrap();
         let solver = Solver::new(&body.mesh, &body.effects(&scene).unwrap()).unwrap();
         let hanging = Hanging::new(&body, &solver).unwrap();
         assert!(hanging.places.len() > 8);
@@ -201,7 +177,7 @@ mod tests {
     #[test]
     fn the_misfit_counts_as_the_surface_does() {
         let scene = fixture::scene("");
-        let body = Body::of_scene(&scene, fixture::inputs().surface, &rig(), 0.2).unwrap();
+        let body = Body::of_scene(&scene, fixture::inputs().surface, &fixture::rig(), 0.2).unwrap();
         let solver = Solver::new(&body.mesh, &body.effects(&scene).unwrap()).unwrap();
         let hanging = Hanging::new(&body, &solver).unwrap();
         let slid = [0.0, 0.0, 0.03, 0.0, 0.04];
@@ -236,7 +212,7 @@ mod tests {
 
     #[test]
     fn a_bone_outside_of_the_body_is_refused() {
-        let mut rig = rig();
+        let mut rig = fixture::rig();
         let far = rig.bones[0]
             .surface
             .vertices()

@@ -286,3 +286,77 @@ impl<'a> Objective for Muscles<'a> {
         Ok(matrix)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::fixture;
+    use crate::shapes::{Shape, ShapeSet};
+    use actuation_net::{NetworkConfig, Width};
+
+    /// A network in which the code matters before any training: what starts small is enlarged.
+    fn lively_net() -> ActuationNet {
+        let mut config = NetworkConfig::new(2, Width::W64);
+        config.latent = 4;
+        let mut net = ActuationNet::new(&config, 3).unwrap();
+        let mut parameters = net.parameters();
+        for tensor in net.parameter_layout().to_vec() {
+            let small = ["modulation", "head"];
+            if small.iter().any(|part| tensor.name.contains(part)) {
+                parameters[tensor.range].iter_mut().for_each(|p| *p *= 30.0);
+            }
+        }
+        net.set_parameters(&parameters).unwrap();
+        net
+    }
+
+    /// Of code and joint, through network, equilibrium and surface: gradient and effects are the slopes of re-solved equilibria.
+    #[test]
+    fn gradient_and_effects_are_the_slopes() {
+        let scene = fixture::scene("[loss]\nnormal_weight = 1\n[evaluation]\naccuracy = 1e-9\n");
+        let inputs = fixture::inputs();
+        let surface = inputs.surface.clone();
+        let body = Body::of_scene(&scene, surface, &fixture::rig(), 0.3).unwrap();
+        let net = lively_net();
+        let target = Target::Shape(Shape {
+            name: "both".into(),
+            set: ShapeSet::HeldOut,
+            positions: inputs.shape(2),
+            joint: None,
+        });
+        let mut muscles = Muscles::new(&body, &scene, &net, &target, 0.5).unwrap();
+        let x = muscles.variables(&[0.3, -0.2, 0.4, 0.1], &[0.1, -0.05, 0.2, -0.1, 0.15]);
+        assert_eq!(x.len(), 9);
+        let mut state = muscles.state(&x, None).unwrap().unwrap();
+        assert_eq!(state.equilibrium.solution.status, Status::Converged);
+        let gradient = muscles.gradient(&mut state).unwrap().unwrap();
+        let effects = muscles.effects(&state).unwrap().unwrap();
+        let h = 0.01;
+        for k in 0..x.len() {
+            let mut at = |t: f64| {
+                let mut moved = x.clone();
+                moved[k] += t;
+                let moved = muscles.evaluate(&moved, &state).unwrap().unwrap();
+                (moved.value, moved.surface)
+            };
+            let ((up, above), (down, below)) = (at(h), at(-h));
+            let slope = (up - down) / (2.0 * h);
+            let error = (slope - gradient[k]).abs();
+            assert!(
+                error < 5e-3 * gradient.amax(),
+                "{k}: {slope} {}",
+                gradient[k]
+            );
+            // Effects are made by loose solves and one-sided differences: they only have to be about right.
+            let (mut off, mut size) = (0.0, 0.0);
+            for ((a, b), effect) in above.iter().zip(&below).zip(&effects[k]) {
+                off += ((a - b) / (2.0 * h) - effect).norm_squared();
+                size += effect.norm_squared();
+            }
+            assert!(
+                size > 0.0 && off < 0.1_f64.powi(2) * size,
+                "{k}: {off:e} {size:e}"
+            );
+        }
+    }
+}
