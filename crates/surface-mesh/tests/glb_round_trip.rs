@@ -73,11 +73,13 @@ fn polygons_become_triangles_and_targets_may_be_absent() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("torus.glb");
     let torus = primitives::torus(2.0, 0.5, 12, 8);
-    let plain = MorphedSurface::new(torus.clone(), Vec::new()).unwrap();
+    let mut plain = MorphedSurface::new(torus.clone(), Vec::new()).unwrap();
+    plain.unit = Some("cm".into());
     write_glb(&path, &plain).unwrap();
     let read = read_gltf(&path).unwrap();
     assert_eq!(read.surface.triangles(), torus.triangles());
     assert!(read.targets.is_empty());
+    assert_eq!(read.unit.as_deref(), Some("cm"));
 }
 
 /// 16-bit indices end at 65534, as 65535 is reserved.

@@ -19,7 +19,7 @@ const ELEMENT_ARRAY_BUFFER: u32 = 34963;
 /// Writes a GLB file of one mesh; polygons become their triangles.
 ///
 /// Positions and deltas are rounded to 32-bit floats; reading the file gives exactly those. Morph targets hold only the
-/// vertices they move (sparse accessors), with their names in `mesh.extras.targetNames` and all weights zero.
+/// vertices they move (sparse accessors), with their names in `mesh.extras.targetNames` and all weights zero. The unit, where there is one, is `mesh.extras.units`.
 ///
 /// # Errors
 /// [`SurfaceError::TargetLength`], [`SurfaceError::NonFiniteDelta`], [`SurfaceError::BeyondF32`],
@@ -65,6 +65,9 @@ pub(super) fn document(content: &Content, primitive: Value, morphed: &MorphedSur
         let names: Vec<&str> = morphed.targets.iter().map(|t| t.name.as_str()).collect();
         mesh["weights"] = json!(vec![0.0; names.len()]);
         mesh["extras"] = json!({ "targetNames": names });
+    }
+    if let Some(unit) = &morphed.unit {
+        mesh["extras"]["units"] = json!(unit);
     }
     json!({
         "asset": { "version": "2.0", "generator": concat!("surface-mesh ", env!("CARGO_PKG_VERSION")) },
