@@ -1,9 +1,11 @@
 //! Named parts of the mesh: which nodes are fixed, moved or measured.
 
+use std::sync::LazyLock;
+
 use nalgebra::Vector3;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
-use surface_mesh::Surface;
+use surface_mesh::{ClosestPoints, Surface};
 
 use crate::voxelise::{InsideVotes, PointGrid, check_closed};
 use crate::{HexMesh, HexMeshError};
@@ -224,7 +226,9 @@ fn nodes_inside(mesh: &HexMesh, surface: &Surface) -> Result<Vec<u32>, HexMeshEr
     let nodes = (0..).zip(mesh.nodes());
     let inside = nodes.filter(|(_, node)| votes.is_inside(point_of(node)));
     let selected = inside.map(|(index, _)| index).collect();
-    not_empty(selected, mesh, |node| surface_distance(node, surface))
+    // Only asked for where nothing was selected.
+    let nearest = LazyLock::new(|| ClosestPoints::new(surface));
+    not_empty(selected, mesh, |node| nearest.to(node).distance)
 }
 
 /// The nodes within `reach` of the triangles of a surface, open or closed, by rising index; there may be none.
@@ -239,14 +243,9 @@ pub fn nodes_near(mesh: &HexMesh, surface: &Surface, reach: f64) -> Result<Vec<u
     if let Some(vertex) = { surface.vertices().iter() }.position(|vertex| !is_finite(vertex)) {
         return Err(HexMeshError::VertexNotFinite { vertex });
     }
-    let (min, max) = surface.bounding_box();
-    let margin = Vector3::repeat(reach);
-    let is_near = |node: &Vector3<f64>| {
-        let in_box = *node >= min - margin && *node <= max + margin;
-        in_box && surface_distance(node, surface) <= reach
-    };
+    let nearest = ClosestPoints::new(surface);
     let nodes = mesh.nodes().par_iter().enumerate();
-    let near = nodes.filter(|(_, node)| is_near(node));
+    let near = nodes.filter(|(_, node)| nearest.to(node).distance <= reach);
     Ok(near.map(|(index, _)| index as u32).collect())
 }
 
@@ -265,37 +264,4 @@ fn node_grid(mesh: &HexMesh) -> PointGrid {
             .map(|x| x.round() as usize + 1)
             .into(),
     }
-}
-
-/// Distance from a point to the nearest triangle.
-fn surface_distance(point: &Vector3<f64>, surface: &Surface) -> f64 {
-    let triangles = surface.triangles().iter();
-    let squared = triangles.map(|triangle| {
-        let corners = triangle.map(|vertex| surface.vertices()[vertex as usize]);
-        (point - closest_on_triangle(point, &corners)).norm_squared()
-    });
-    squared.fold(f64::INFINITY, f64::min).sqrt()
-}
-
-/// The point of a triangle closest to `point`: the foot of the perpendicular if it is inside, else the closest on the three edges.
-fn closest_on_triangle(point: &Vector3<f64>, [a, b, c]: &[Vector3<f64>; 3]) -> Vector3<f64> {
-    let normal = (b - a).cross(&(c - a));
-    let area = |p: &Vector3<f64>, q: &Vector3<f64>| (q - p).cross(&(point - p)).dot(&normal);
-    if normal != Vector3::zeros() && area(a, b) >= 0.0 && area(b, c) >= 0.0 && area(c, a) >= 0.0 {
-        return point - normal * (normal.dot(&(point - a)) / normal.norm_squared());
-    }
-    let on_edges = [(a, b), (b, c), (c, a)].map(|(p, q)| closest_on_segment(point, p, q));
-    let squared = |q: &Vector3<f64>| (point - q).norm_squared();
-    let [p, q, r] = on_edges;
-    let nearer = |p: Vector3<f64>, q: Vector3<f64>| if squared(&q) < squared(&p) { q } else { p };
-    nearer(nearer(p, q), r)
-}
-
-fn closest_on_segment(point: &Vector3<f64>, p: &Vector3<f64>, q: &Vector3<f64>) -> Vector3<f64> {
-    let along = q - p;
-    let length = along.norm_squared();
-    if length == 0.0 {
-        return *p;
-    }
-    p + along * (along.dot(&(point - p)) / length).clamp(0.0, 1.0)
 }
