@@ -7,6 +7,7 @@ use std::path::Path;
 use std::time::Duration;
 use trainer::body::Body;
 use trainer::evaluate::Evaluator;
+use trainer::focus::Focus;
 use trainer::scene::Scene;
 use trainer::shapes::{Shapes, load_shapes};
 use trainer::simulator::Simulator;
@@ -38,10 +39,11 @@ fn steps(c: &mut Criterion) {
     let mut net = ActuationNet::new(&config, scene.seed).expect("a valid network");
     let mut adam = AdamState::new(net.parameter_count());
     let regression = Regression {
-        points: &body.points,
+        points: &body.samples,
         descriptors: &descriptors,
         targets: &pulled,
         basis: &shapes.basis_in_training(),
+        focus: &Focus::new(&pulled, scene.stage1.focus),
         settings: &scene.stage1,
         seed: scene.seed,
     };

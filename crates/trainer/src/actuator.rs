@@ -6,45 +6,62 @@ use actuation_net::{
 };
 use std::borrow::Cow;
 
-/// Samples of a body: all of them, or some.
+/// Points of a body, element after element, in the network's coordinates: the body's bounding box is centred at 0 and its longest side
+/// spans [-1, 1].
+#[derive(Debug, Clone, PartialEq)]
+pub struct Points {
+    /// Coordinates, `[n, 3]`.
+    pub coordinates: Vec<f32>,
+    /// Points of an element.
+    pub per_element: usize,
+}
+
+impl Points {
+    /// Number of points.
+    pub fn count(&self) -> usize {
+        self.coordinates.len() / 3
+    }
+}
+
+/// Where a network is asked: at all of some points, or at a few.
 pub struct Samples<'a> {
-    points: Cow<'a, [f32]>,
-    /// Which of the body's samples; all where not given.
+    coordinates: Cow<'a, [f32]>,
+    /// Which of the points; all where not given.
     chosen: Option<Vec<usize>>,
+    per_element: usize,
 }
 
 impl<'a> Samples<'a> {
-    /// All samples of a body with these points, `[n, 3]`.
-    pub fn all(points: &'a [f32]) -> Self {
+    /// All of `points`.
+    pub fn all(points: &'a Points) -> Self {
         Self {
-            points: Cow::Borrowed(points),
+            coordinates: Cow::Borrowed(&points.coordinates),
             chosen: None,
+            per_element: points.per_element,
         }
     }
 
-    /// The samples `chosen` out of all `points`, `[n, 3]`.
+    /// Those numbered `chosen` out of `points`.
     ///
     /// # Panics
-    /// When there is no such sample.
-    pub fn some(points: &[f32], chosen: Vec<usize>) -> Self {
+    /// When there is no such point.
+    pub fn some(points: &Points, chosen: Vec<usize>) -> Self {
         Self {
-            points: Cow::Owned(gather(points, &chosen, 3)),
+            coordinates: Cow::Owned(gather(&points.coordinates, &chosen, 3)),
             chosen: Some(chosen),
+            per_element: points.per_element,
         }
     }
 
-    /// Number of samples.
-    fn count(&self) -> usize {
-        self.points.len() / 3
-    }
-
-    /// Index, among all samples of the body, of each of these.
-    fn indices(&self) -> impl Iterator<Item = usize> + '_ {
-        (0..self.count()).map(|i| self.chosen.as_ref().map_or(i, |chosen| chosen[i]))
+    /// The element of each.
+    fn elements(&self) -> Vec<usize> {
+        let point = |i: usize| self.chosen.as_ref().map_or(i, |chosen| chosen[i]);
+        let all = 0..self.coordinates.len() / 3;
+        all.map(|i| point(i) / self.per_element).collect()
     }
 }
 
-/// A network that says for a descriptor how samples of a body are actuated and where the joint goes.
+/// A network that says for a descriptor how a body is actuated at points of it and where the joint goes.
 pub trait Actuator {
     /// An evaluation whose reverse pass is still to come.
     type Trace<'a>: Reverse
@@ -57,7 +74,7 @@ pub trait Actuator {
     /// All parameters, flat, for the optimiser.
     fn parameters_mut(&mut self) -> &mut [f32];
 
-    /// Joint, and actuation at samples, `[n, 6]`.
+    /// Joint, and actuation at the samples, `[n, 6]`.
     ///
     /// # Errors
     /// When the descriptor does not fit or the answer is not finite.
@@ -98,11 +115,11 @@ impl Actuator for ActuationNet {
     }
 
     fn evaluate(&self, descriptor: &[f32], samples: &Samples) -> Result<Output, Error> {
-        self.evaluate(descriptor, &samples.points)
+        self.evaluate(descriptor, &samples.coordinates)
     }
 
     fn trace<'a>(&'a self, descriptor: &[f32], samples: &'a Samples) -> Result<Traced<'a>, Error> {
-        self.trace(descriptor, &samples.points)
+        self.trace(descriptor, &samples.coordinates)
     }
 }
 
@@ -116,22 +133,6 @@ impl Reverse for Traced<'_> {
     }
 }
 
-/// An explicit decoder on the grid that it was made for: all samples of an element have its actuation.
-#[derive(Debug, Clone, PartialEq)]
-pub struct ElementDecoder {
-    /// The decoder.
-    pub net: ExplicitDecoder,
-    /// Samples of an element.
-    pub samples: usize,
-}
-
-impl ElementDecoder {
-    /// The elements of samples.
-    fn elements(&self, samples: &Samples) -> Vec<usize> {
-        samples.indices().map(|i| i / self.samples).collect()
-    }
-}
-
 /// The answer at samples for that of elements.
 fn spread(output: &Output, elements: &[usize]) -> Output {
     Output {
@@ -140,20 +141,21 @@ fn spread(output: &Output, elements: &[usize]) -> Output {
     }
 }
 
-impl Actuator for ElementDecoder {
+/// On the grid that it was made for: all points of an element have its actuation.
+impl Actuator for ExplicitDecoder {
     type Trace<'a> = TracedElements<'a>;
 
     fn parameter_count(&self) -> usize {
-        self.net.parameter_count()
+        self.parameter_count()
     }
 
     fn parameters_mut(&mut self) -> &mut [f32] {
-        self.net.parameters_mut()
+        self.parameters_mut()
     }
 
     fn evaluate(&self, descriptor: &[f32], samples: &Samples) -> Result<Output, Error> {
-        let output = self.net.evaluate(descriptor)?;
-        Ok(spread(&output, &self.elements(samples)))
+        let output = self.evaluate(descriptor)?;
+        Ok(spread(&output, &samples.elements()))
     }
 
     fn trace<'a>(
@@ -161,8 +163,8 @@ impl Actuator for ElementDecoder {
         descriptor: &[f32],
         samples: &'a Samples,
     ) -> Result<TracedElements<'a>, Error> {
-        let traced = self.net.trace(descriptor)?;
-        let elements = self.elements(samples);
+        let traced = self.trace(descriptor)?;
+        let elements = samples.elements();
         Ok(TracedElements {
             output: spread(traced.output(), &elements),
             traced,
@@ -171,7 +173,7 @@ impl Actuator for ElementDecoder {
     }
 }
 
-/// An evaluation of an [`ElementDecoder`] whose reverse pass is still to come.
+/// An evaluation of an [`ExplicitDecoder`] whose reverse pass is still to come.
 pub struct TracedElements<'a> {
     output: Output,
     traced: TracedDecoder<'a>,
@@ -210,21 +212,21 @@ mod tests {
             width: 4,
             elements: 3,
         };
-        let decoder = ElementDecoder {
-            net: ExplicitDecoder::new(&config, 1).unwrap(),
-            samples: 2,
-        };
+        let decoder = ExplicitDecoder::new(&config, 1).unwrap();
         let code = [1.0, 0.5];
-        let points = [0.0; 3 * 6];
-        let of_elements = decoder.net.evaluate(&code).unwrap();
+        let points = Points {
+            coordinates: vec![0.0; 3 * 6],
+            per_element: 2,
+        };
+        let of_elements = decoder.evaluate(&code).unwrap();
         let element = |e: usize| &of_elements.actuation[6 * e..6 * e + 6];
-        let all = decoder.evaluate(&code, &Samples::all(&points)).unwrap();
+        let all = Actuator::evaluate(&decoder, &code, &Samples::all(&points)).unwrap();
         assert_eq!(all.joint, of_elements.joint);
         for (sample, row) in all.actuation.chunks(6).enumerate() {
             assert_eq!(row, element(sample / 2));
         }
         let some = Samples::some(&points, vec![5, 0, 4]);
-        let traced = decoder.trace(&code, &some).unwrap();
+        let traced = Actuator::trace(&decoder, &code, &some).unwrap();
         let answer = [element(2), element(0), element(2)].concat();
         assert_eq!(traced.output().actuation, answer);
         let bar: Vec<f32> = (0..18).map(|i| i as f32).collect();

@@ -1,8 +1,9 @@
 //! A body ready to be simulated: surface, voxels, bones and embedding.
 
+use crate::actuator::Points;
 use crate::error::{Result, TrainerError};
 use crate::rig::{Bone, Rig};
-use crate::scene::{MeshSettings, Scene, SurfaceSource};
+use crate::scene::{ActuationPer, MeshSettings, Scene, SurfaceSource};
 use crate::weights::vertex_weights;
 use face_rig::Joint;
 use hex_mesh::{
@@ -23,8 +24,10 @@ pub struct Body {
     pub report: VoxelReport,
     /// Where the surface's vertices are in the voxels.
     pub embedding: Embedding,
-    /// Sample points for the network, `[elements * samples, 3]`, in [-1, 1] over the surface's bounding box.
-    pub points: Vec<f32>,
+    /// All samples of the energy.
+    pub samples: Points,
+    /// The middles of the elements, where their samples share one actuation.
+    middles: Option<Points>,
     /// Length of the diagonal of the surface's bounding box.
     pub diagonal: f64,
     /// What each vertex counts: its share of the surface's area, times the weights of the loss; they sum to 1.
@@ -46,6 +49,7 @@ impl Body {
         let settings = MeshSettings {
             element_size,
             samples,
+            actuation: ActuationPer::Sample,
             cover_thin: false,
         };
         Self::with_bones(name, surface, &Rig::default(), &settings)
@@ -61,9 +65,11 @@ impl Body {
             SurfaceSource::Starfish(_) => scene.name.clone(),
         };
         let settings = scene.mesh.resized(element_size);
-        let mut body = Self::with_bones(&name, surface, rig, &settings)?;
-        body.vertex_weights = vertex_weights(&body.surface, scene)?;
-        Ok(body)
+        let weights = vertex_weights(&surface, scene)?;
+        Ok(Self {
+            vertex_weights: weights,
+            ..Self::with_bones(&name, surface, rig, &settings)?
+        })
     }
 
     /// Voxelises a surface; the cells inside bones are left out, and the nodes around them are the bones'.
@@ -143,7 +149,9 @@ impl Body {
         let areas = surface.vertex_areas();
         let total: f64 = areas.iter().sum();
         Ok(Self {
-            points: normalised_points(&surface, &mesh.sample_positions()),
+            samples: points(&surface, &mesh.sample_positions(), mesh.quadrature().len()),
+            middles: (settings.actuation == ActuationPer::Element)
+                .then(|| points(&surface, &middles(&mesh), 1)),
             diagonal: surface.diagonal(),
             vertex_weights: areas.iter().map(|a| a / total).collect(),
             fixed_nodes,
@@ -154,6 +162,11 @@ impl Body {
             mesh,
             embedding,
         })
+    }
+
+    /// The points at which the network is asked for an actuation.
+    pub fn actuated(&self) -> &Points {
+        self.middles.as_ref().unwrap_or(&self.samples)
     }
 
     /// The scene's effects, and the bones. Nodes that the scene prescribes itself stay with the scene.
@@ -210,13 +223,23 @@ impl Body {
 
 /// Maps points so that the surface's bounding box is centred at 0 and its longest side spans [-1, 1]: the network sees the same
 /// body whatever its unit, and the same point whatever the grid.
-fn normalised_points(surface: &Surface, points: &[Vector3<f64>]) -> Vec<f32> {
+fn points(surface: &Surface, points: &[Vector3<f64>], per_element: usize) -> Points {
     let (min, max) = surface.bounding_box();
     let centre = (min + max) / 2.0;
     let scale = 2.0 / (max - min).max();
     let normalised = points.iter().map(|p| (p - centre) * scale);
-    normalised
-        .flat_map(|p| [p.x as f32, p.y as f32, p.z as f32])
+    Points {
+        coordinates: normalised
+            .flat_map(|p| [p.x as f32, p.y as f32, p.z as f32])
+            .collect(),
+        per_element,
+    }
+}
+
+fn middles(mesh: &HexMesh) -> Vec<Vector3<f64>> {
+    let half = Vector3::repeat(mesh.element_size() / 2.0);
+    (0..mesh.elements().len())
+        .map(|element| mesh.element_corner(element) + half)
         .collect()
 }
 

@@ -91,7 +91,7 @@ pub fn compare(run: &Run, request: &CompareRequest) -> Result<(Comparison, PathB
         elements: trained.body.mesh.elements().len(),
         vertices: trained.body.surface.vertex_count(),
         basis,
-        decoder_width: kept.decoder.net.config().width,
+        decoder_width: kept.decoder.config().width,
         decoder_training: kept.training,
         targets: measure.targets(&frames)?,
         methods: [field_method?, linear_method?, decoder_method?],

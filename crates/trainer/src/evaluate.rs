@@ -135,7 +135,7 @@ impl<'a> Evaluator<'a> {
         start: Option<&[Vector3<f64>]>,
     ) -> Result<ShapeResult> {
         let clock = std::time::Instant::now();
-        let output = net.evaluate(&descriptor, &Samples::all(&self.body.points))?;
+        let output = net.evaluate(&descriptor, &Samples::all(self.body.actuated()))?;
         let Equilibrium {
             theta, solution, ..
         } = self.equilibrium(&output, start)?;

@@ -22,6 +22,7 @@ pub mod files;
 pub mod fit;
 #[cfg(test)]
 mod fixture;
+pub mod focus;
 pub mod frames;
 pub mod hanging;
 mod inversion;

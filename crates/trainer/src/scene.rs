@@ -129,9 +129,23 @@ pub struct MeshSettings {
     /// Samples per element: 1, 8 or 27.
     #[serde(default = "default_samples")]
     pub samples: usize,
+    /// Where the network is asked.
+    #[serde(default)]
+    pub actuation: ActuationPer,
     /// Whether parts thinner than an element, such as fingers, get elements too; their skin hangs on flesh nearby otherwise.
     #[serde(default)]
     pub cover_thin: bool,
+}
+
+/// What has an actuation of its own.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum ActuationPer {
+    /// Every sample of an element: the field as fine as the energy sees it.
+    #[default]
+    Sample,
+    /// An element: all its samples have the actuation of its middle, and the network is asked that many times less.
+    Element,
 }
 
 impl MeshSettings {
@@ -217,6 +231,8 @@ pub struct Stage1 {
     pub batch: usize,
     /// Sample points drawn per shape and step.
     pub points: usize,
+    /// Share of the points drawn where the shapes stretch the body most, in [0, 1); see [`crate::focus::Focus`].
+    pub focus: f64,
     /// Superpositions of basis shapes drawn per step, so that the codes between training shapes mean something too.
     pub blends: usize,
     /// First learning rate; it decays to 0.
@@ -230,6 +246,7 @@ impl Default for Stage1 {
             epochs: 300,
             batch: 4,
             points: 1024,
+            focus: 0.0,
             blends: 0,
             learning_rate: 1e-3,
         }
@@ -248,6 +265,9 @@ pub struct Stage2 {
     pub accuracy: f64,
     /// Relative residual of the adjoint.
     pub adjoint_tolerance: f64,
+    /// Points that a step's gradient goes through, drawn where it is large so that it is that of all points in the mean; 0 for all of
+    /// them. The network costs three times as much on the way back as on the way there.
+    pub points: usize,
     /// Weight of the superpositions' actuation loss (that of stage 1) beside the loss on the surface: keeps what the codes between the
     /// training shapes mean. 0 leaves them alone.
     pub blend_weight: f64,
@@ -259,6 +279,7 @@ impl Default for Stage2 {
             epochs: 30,
             learning_rate: 1e-4,
             accuracy: 1e-4,
+            points: 0,
             adjoint_tolerance: 1e-3,
             blend_weight: 0.0,
         }
@@ -371,6 +392,10 @@ impl Scene {
                 let mend = "give a length, zero or more";
                 return wrong("bone.reach", bone.reach.to_string(), mend);
             }
+        }
+        if !(0.0..1.0).contains(&self.stage1.focus) {
+            let mend = "give a number from 0 to below 1";
+            return wrong("stage1.focus", self.stage1.focus.to_string(), mend);
         }
         if ![1, 8, 27].contains(&self.mesh.samples) {
             let value = self.mesh.samples.to_string();

@@ -4,10 +4,11 @@
 //! With F = R S at a sample of the pulled body, A = S makes `F - R(F A) A = F - R A = 0`: the pulled shape has zero energy under
 //! this actuation, so what remains is the softness of the springs and the error of the network.
 
-use crate::actuator::{Actuator, Reverse, Samples};
+use crate::actuator::{Actuator, Points, Reverse, Samples};
 use crate::body::Body;
 use crate::draw;
 use crate::error::Result;
+use crate::focus::{Focus, TIMES};
 use crate::hanging::Hanging;
 use crate::loss::distances;
 use crate::progress::Phase;
@@ -153,14 +154,16 @@ pub fn steps(settings: &Stage1, shapes: usize) -> u64 {
 
 /// The regression of one batch of shapes at a few sample points each.
 pub struct Regression<'a> {
-    /// Sample points of the body, `[n, 3]`.
-    pub points: &'a [f32],
+    /// All samples of the body.
+    pub points: &'a Points,
     /// Descriptor of every shape.
     pub descriptors: &'a [Vec<f32>],
     /// Actuation of every shape.
     pub targets: &'a [Pulled],
     /// Which of these shapes each weight of a descriptor belongs to.
     pub basis: &'a [usize],
+    /// Which points are drawn and what each shape counts.
+    pub focus: &'a Focus,
     /// Settings of the stage.
     pub settings: &'a Stage1,
     /// Seed of the scene.
@@ -168,7 +171,8 @@ pub struct Regression<'a> {
 }
 
 impl Regression<'_> {
-    /// Does step number `step` and returns the loss before it: the mean squared Frobenius distance of the actuations.
+    /// Does step number `step` and returns the loss before it: the mean squared Frobenius distance of the actuations
+    /// at the points drawn, by the weights of the shapes.
     ///
     /// # Errors
     /// When the gradient is not finite; nothing has changed then.
@@ -185,11 +189,12 @@ impl Regression<'_> {
         let count = (batch.len() + self.settings.blends) as f64;
         let mut loss = 0.0;
         for &shape in &batch {
-            let chosen = self.draw_points(&mut generator);
+            let chosen = self.focus.draw(&mut generator, self.settings.points);
             let target = gather(&self.targets[shape].actuation, &chosen, 6);
             let joint = self.targets[shape].joint;
             let learned = (self.descriptors[shape].as_slice(), target.as_slice(), joint);
-            loss += self.add_misfit(net, &chosen, learned, 1.0 / count, &mut gradient)?;
+            let weight = self.focus.weight(shape) / count;
+            loss += self.add_misfit(net, &chosen, learned, weight, &mut gradient)?;
         }
         let blends = self.settings.blends;
         loss += self.add_superpositions(net, blends, &mut generator, 1.0 / count, &mut gradient)?;
@@ -224,7 +229,7 @@ impl Regression<'_> {
     ) -> Result<f64> {
         let mut loss = 0.0;
         for _ in 0..count {
-            let chosen = self.draw_points(generator);
+            let chosen = self.focus.draw(generator, self.settings.points);
             let (descriptor, target, joint) = self.superposition(&chosen, generator);
             let learned = (descriptor.as_slice(), target.as_slice(), joint);
             loss += self.add_misfit(net, &chosen, learned, weight, gradient)?;
@@ -261,10 +266,6 @@ impl Regression<'_> {
         (weights, target, joint)
     }
 
-    fn draw_points(&self, generator: &mut impl Rng) -> Vec<usize> {
-        draw::indices(generator, self.points.len() / 3, self.settings.points)
-    }
-
     /// Adds the gradient of `weight` times the mean squared distance of the network from a target at some samples.
     fn add_misfit(
         &self,
@@ -287,7 +288,6 @@ impl Regression<'_> {
 
 /// Sum of `scale |A - A_target|^2` over points and its derivative: off-diagonal entries stand twice in the matrix.
 fn misfit(actuation: &[f32], target: &[f32], scale: f64) -> (f64, Vec<f32>) {
-    const TIMES: [f64; 6] = [1.0, 2.0, 2.0, 1.0, 2.0, 1.0];
     let mut value = 0.0;
     let pairs = actuation.iter().zip(target).enumerate();
     let bar = pairs.map(|(i, (a, t))| {
@@ -388,10 +388,11 @@ mod tests {
         let (body, _, pulled) = pulled(&scene);
         let descriptors = vec![vec![1.0, 0.0], vec![0.0, 1.0]];
         let regression = Regression {
-            points: &body.points,
+            points: &body.samples,
             descriptors: &descriptors,
             targets: &pulled,
             basis: &[0, 1],
+            focus: &Focus::new(&pulled, 0.0),
             settings: &scene.stage1,
             seed: 5,
         };
@@ -457,10 +458,11 @@ mod tests {
         };
         let descriptors = [vec![1.0, 0.0], vec![0.0, 1.0], vec![1.0, 1.0]];
         let regression = Regression {
-            points: &body.points,
+            points: &body.samples,
             descriptors: &descriptors,
             targets: &pulled,
             basis: &[0, 1],
+            focus: &Focus::new(&pulled, 0.0),
             settings: &settings,
             seed: 1,
         };
@@ -485,5 +487,13 @@ mod tests {
             regression.step(&mut again, &mut adam, 0).unwrap(),
             losses[0]
         );
+
+        let regression = Regression {
+            focus: &Focus::new(&pulled, 0.5),
+            ..regression
+        };
+        let mut adam = AdamState::new(again.parameter_count());
+        let elsewhere = regression.step(&mut again, &mut adam, 0).unwrap();
+        assert_ne!(elsewhere, losses[0]);
     }
 }

@@ -1,6 +1,6 @@
 //! Stage 2: through the simulator. Network, equilibrium, loss on the surface, and the exact gradient back.
 
-use crate::actuator::{Actuator, Reverse, Samples};
+use crate::actuator::{Actuator, Points, Reverse, Samples};
 use crate::body::Body;
 use crate::draw;
 use crate::error::Result;
@@ -9,9 +9,12 @@ use crate::scene::{Scene, Stage2};
 use crate::shapes::Shape;
 use crate::simulator::Simulator;
 use crate::stage1::Regression;
-use actuation_net::{Adam, AdamState};
+use actuation_net::{ACTUATION_SIZE, Adam, AdamState, Output, OutputCotangent};
 use nalgebra::Vector3;
 use pd_solver::{AdjointStats, SolveOptions, SolveStats, Status, Stop};
+use rand::Rng;
+use rand::distr::Distribution;
+use rand::distr::weighted::WeightedIndex;
 
 /// Superpositions learned along with one step.
 const BLENDS_PER_STEP: usize = 2;
@@ -36,6 +39,26 @@ pub enum Outcome {
     Stepped(Box<Step>),
     /// Nothing changed, for this reason.
     Dropped(String),
+}
+
+/// Counts dropped steps in a row.
+#[derive(Default)]
+pub(crate) struct Failures(usize);
+
+impl Failures {
+    /// So many in a row end training.
+    const MOST: usize = 20;
+
+    /// A step came through.
+    pub fn end(&mut self) {
+        self.0 = 0;
+    }
+
+    /// One more was dropped; returns how many those were when there are too many.
+    pub fn add(&mut self) -> Option<usize> {
+        self.0 += 1;
+        (self.0 >= Self::MOST).then_some(self.0)
+    }
 }
 
 /// Everything that stays the same between steps.
@@ -78,16 +101,18 @@ impl ThroughSimulator<'_> {
             self.shapes.len(),
         );
         let shape = order[(step % count) as usize];
-        let samples = Samples::all(&self.body.points);
-        let traced = match net.trace(&self.descriptors[shape], &samples) {
-            Ok(traced) => traced,
+        let descriptor = &self.descriptors[shape];
+        let points = self.body.actuated();
+        let samples = Samples::all(points);
+        // What is asked again at few points on the way back need not be remembered for all.
+        let is_remembered = !(1..points.count()).contains(&settings.points);
+        let (answer, traced) = match ask(net, descriptor, &samples, is_remembered) {
+            Ok(asked) => asked,
             Err(error) => return Ok(Outcome::Dropped(error.to_string())),
         };
         let options = SolveOptions::new(Stop::Accuracy(settings.accuracy * self.body.diagonal));
         let start = Some(warm[shape].as_slice());
-        let reached = self
-            .simulator
-            .equilibrium(traced.output(), start, &options)?;
+        let reached = self.simulator.equilibrium(&answer, start, &options)?;
         let solution = &reached.solution;
         if solution.status != Status::Converged {
             let reason = format!(
@@ -114,7 +139,13 @@ impl ThroughSimulator<'_> {
             value += more;
             bar.joint.iter_mut().zip(known).for_each(|(a, b)| *a += b);
         }
-        let mut gradient = traced.backward(&bar.actuation, &bar.joint);
+        let mut generator = draw::generator(self.scene.seed, 6, step);
+        let few = || few_of(points, &bar.actuation, settings.points, &mut generator);
+        let gradient = parameter_gradient(net, traced, descriptor, &bar, few);
+        let mut gradient = match gradient {
+            Ok(gradient) => gradient,
+            Err(error) => return Ok(Outcome::Dropped(error.to_string())),
+        };
         if let Some(blends) = &self.blends {
             let mut generator = draw::generator(self.scene.seed, 5, step);
             let weight = settings.blend_weight / BLENDS_PER_STEP as f64;
@@ -147,5 +178,111 @@ impl ThroughSimulator<'_> {
             forward: solution.stats,
             adjoint,
         })))
+    }
+}
+
+/// The network's answer, and what its reverse pass needs if that is to come.
+fn ask<'a, N: Actuator>(
+    net: &'a N,
+    descriptor: &[f32],
+    samples: &'a Samples,
+    is_remembered: bool,
+) -> std::result::Result<(Output, Option<N::Trace<'a>>), actuation_net::Error> {
+    if !is_remembered {
+        return Ok((net.evaluate(descriptor, samples)?, None));
+    }
+    let traced = net.trace(descriptor, samples)?;
+    Ok((traced.output().clone(), Some(traced)))
+}
+
+/// The gradient by the parameters: through the evaluation that was traced, or through one at `few` samples with their cotangents.
+fn parameter_gradient<'a, N: Actuator>(
+    net: &N,
+    traced: Option<N::Trace<'_>>,
+    descriptor: &[f32],
+    bar: &OutputCotangent,
+    few: impl FnOnce() -> (Samples<'a>, Vec<f32>),
+) -> std::result::Result<Vec<f32>, actuation_net::Error> {
+    if let Some(traced) = traced {
+        return Ok(traced.backward(&bar.actuation, &bar.joint));
+    }
+    let (samples, own) = few();
+    let traced = net.trace(descriptor, &samples)?;
+    Ok(traced.backward(&own, &bar.joint))
+}
+
+/// Draws `count` of the points that have a cotangent, `[n, 6]`, in proportion to its size there, and divides by how likely each was: the
+/// gradient through these alone is in the mean that through all. Returns the points drawn, each once, and their cotangents.
+fn few_of<'a>(
+    points: &Points,
+    bar: &[f32],
+    count: usize,
+    generator: &mut impl Rng,
+) -> (Samples<'a>, Vec<f32>) {
+    let (chosen, own) = draw_by_size(bar, count, generator);
+    (Samples::some(points, chosen), own)
+}
+
+fn draw_by_size(bar: &[f32], count: usize, generator: &mut impl Rng) -> (Vec<usize>, Vec<f32>) {
+    let size = |row: &[f32]| {
+        row.iter()
+            .map(|x| f64::from(*x).powi(2))
+            .sum::<f64>()
+            .sqrt()
+    };
+    let rows: Vec<&[f32]> = bar.chunks_exact(ACTUATION_SIZE).collect();
+    let sizes: Vec<f64> = rows.iter().map(|row| size(row)).collect();
+    let Ok(likely) = WeightedIndex::new(&sizes) else {
+        // Nothing goes back from any point.
+        return (vec![0], vec![0.0; ACTUATION_SIZE]);
+    };
+    let mut times = vec![0_u32; sizes.len()];
+    (0..count).for_each(|_| times[likely.sample(generator)] += 1);
+    let chosen: Vec<usize> = (0..times.len()).filter(|&i| times[i] > 0).collect();
+    let share = sizes.iter().sum::<f64>() / count as f64;
+    let own = chosen.iter().flat_map(|&i| {
+        let factor = (f64::from(times[i]) * share / sizes[i]) as f32;
+        rows[i].iter().map(move |x| factor * x)
+    });
+    let own = own.collect();
+    (chosen, own)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Many draws of few points come to all of them in the mean, and a point with most of the cotangent is nearly always there.
+    #[test]
+    fn few_points_stand_for_all() {
+        let bar: Vec<f32> = (0..60)
+            .map(|i| if i / 6 == 4 { 30.0 } else { (i as f32).sin() })
+            .collect();
+        let mut generator = draw::generator(1, 6, 0);
+        let (mut sum, mut seen) = (vec![0.0; 60], 0);
+        for _ in 0..4000 {
+            let (chosen, scaled) = draw_by_size(&bar, 5, &mut generator);
+            assert!(chosen.len() <= 5 && scaled.len() == 6 * chosen.len());
+            assert!(chosen.is_sorted());
+            seen += usize::from(chosen.contains(&4));
+            for (i, row) in chosen.iter().zip(scaled.chunks(6)) {
+                row.iter()
+                    .zip(&mut sum[6 * i..6 * i + 6])
+                    .for_each(|(x, s)| *s += f64::from(*x) / 4000.0);
+            }
+        }
+        assert!(seen > 3990, "{seen}");
+        for (mean, x) in sum.iter().zip(&bar) {
+            assert!(
+                (mean - f64::from(*x)).abs() < 0.03 * f64::from(x.abs()) + 0.15,
+                "{mean} {x}"
+            );
+        }
+    }
+
+    #[test]
+    fn no_cotangent_at_all_is_no_gradient() {
+        let (chosen, scaled) = draw_by_size(&[0.0; 18], 2, &mut draw::generator(1, 6, 0));
+        assert_eq!((chosen.len(), scaled), (1, vec![0.0; 6]));
     }
 }

@@ -5,6 +5,7 @@ use crate::checkpoint::{Checkpoint, RunningMean, Stage, StageError};
 use crate::error::{Result, TrainerError};
 use crate::evaluate::{self, Evaluator, ShapeResult};
 use crate::files::create_folder;
+use crate::focus::Focus;
 use crate::progress::{Phase, note, stop_requested};
 use crate::rig::Rig;
 use crate::run::{Metrics, Run};
@@ -12,7 +13,7 @@ use crate::scene::Scene;
 use crate::shapes::{Shape, Shapes};
 use crate::simulator::Simulator;
 use crate::stage1::{self, Pulled, Regression};
-use crate::stage2::{self, Outcome, ThroughSimulator};
+use crate::stage2::{self, Failures, Outcome, ThroughSimulator};
 use crate::table::mean_of;
 use actuation_net::{ActuationNet, AdamState, NetworkConfig};
 use pd_solver::Solver;
@@ -20,9 +21,6 @@ use serde_json::json;
 use std::path::Path;
 use std::time::Instant;
 use surface_mesh::{MorphTarget, MorphedSurface};
-
-/// Failed steps in a row that end training.
-pub(crate) const MAX_FAILURES: u64 = 20;
 
 /// What a finished training shows.
 pub struct Trained {
@@ -124,10 +122,11 @@ pub fn train(run: &Run) -> Result<Trained> {
     if session.state.stage != Stage::Done {
         let pulled = stage1::pull(&body, &scene, &training, || session.check_stop())?;
         let regression = Regression {
-            points: &body.points,
+            points: &body.samples,
             descriptors: &descriptors,
             targets: &pulled,
             basis: &shapes.basis_in_training(),
+            focus: &Focus::new(&pulled, scene.stage1.focus),
             settings: &scene.stage1,
             seed: scene.seed,
         };
@@ -346,7 +345,7 @@ impl Session<'_> {
         };
         let percent = 100.0 / self.body.diagonal;
         let mut phase = Phase::new("stage 2", steps, self.state.step);
-        let mut failures = 0;
+        let mut failures = Failures::default();
         while self.state.step < steps {
             let step = self.state.step;
             let state = &mut self.state;
@@ -355,7 +354,7 @@ impl Session<'_> {
             let epoch = state.step as f64 / training.len() as f64;
             match outcome {
                 Outcome::Stepped(done) => {
-                    failures = 0;
+                    failures.end();
                     let line = json!({
                         "stage": 2, "step": step, "epoch": epoch,
                         "shape": training[done.shape].name, "loss": done.loss,
@@ -374,14 +373,13 @@ impl Session<'_> {
                     });
                 }
                 Outcome::Dropped(reason) => {
-                    failures += 1;
                     self.state.dropped += 1;
                     let line = json!({ "stage": 2, "step": step, "dropped": reason });
                     self.metrics.append(&line)?;
                     phase.step(|| format!("dropped: {reason}"));
-                    if failures == MAX_FAILURES {
+                    if let Some(count) = failures.add() {
                         return Err(TrainerError::Diverged {
-                            count: MAX_FAILURES as usize,
+                            count,
                             reason,
                             checkpoint: self.run.checkpoint_path(),
                         });

@@ -1,14 +1,13 @@
 //! The explicit decoder of a run: trained in the two stages of the field, and kept in a file.
 
 use super::{CompareRequest, check_stop};
-use crate::actuator::{Actuator, ElementDecoder};
 use crate::error::{Result, TrainerError};
+use crate::focus::Focus;
 use crate::progress::{Phase, note};
 use crate::scene::{Scene, Stage1};
 use crate::simulator::Simulator;
 use crate::stage1::{self, Regression};
-use crate::stage2::{self, Outcome, ThroughSimulator};
-use crate::train::MAX_FAILURES;
+use crate::stage2::{self, Failures, Outcome, ThroughSimulator};
 use crate::trained::Trained;
 use actuation_net::{AdamState, DecoderConfig, ExplicitDecoder, TensorFile};
 use nalgebra::Vector3;
@@ -96,7 +95,7 @@ impl Wanted {
 
 /// A decoder and how it came to be.
 pub(super) struct Kept {
-    pub decoder: ElementDecoder,
+    pub decoder: ExplicitDecoder,
     pub training: Training,
 }
 
@@ -106,23 +105,19 @@ pub(super) struct Kept {
 /// When the file that is there is damaged, training fails, the user stops, or the file cannot be written.
 pub(super) fn kept_or_trained(folder: &Path, trained: &Trained, wanted: &Wanted) -> Result<Kept> {
     let path = folder.join(FILE);
-    let samples = trained.body.mesh.quadrature().len();
     let scene = serde_json::to_string(&trained.scene).expect("plain data serialises");
     // A file that cannot be read is in the way only of those who want it.
     if path.exists() && !wanted.retrain {
         let (net, label) = read(&path)?;
         match wanted.misfit(net.config(), &label, &scene) {
             None => {
-                let (decoder, training) = (ElementDecoder { net, samples }, label.training);
+                let (decoder, training) = (net, label.training);
                 return Ok(Kept { decoder, training });
             }
             Some(reason) => note(&format!("the decoder that was kept is replaced: {reason}")),
         }
     }
-    let mut decoder = ElementDecoder {
-        net: ExplicitDecoder::new(&wanted.config, trained.scene.seed)?,
-        samples,
-    };
+    let mut decoder = ExplicitDecoder::new(&wanted.config, trained.scene.seed)?;
     let training = train(trained, &mut decoder, wanted.seconds)?;
     let label = Label {
         training: training.clone(),
@@ -131,7 +126,7 @@ pub(super) fn kept_or_trained(folder: &Path, trained: &Trained, wanted: &Wanted)
     let mut file = TensorFile::new();
     let label = serde_json::to_string(&label).expect("plain data serialises");
     file.insert_metadata(TRAINING, label);
-    decoder.net.insert_into(&mut file, "");
+    decoder.insert_into(&mut file, "");
     file.write(&path)?;
     Ok(Kept { decoder, training })
 }
@@ -161,7 +156,7 @@ fn read(path: &Path) -> Result<(ExplicitDecoder, Label)> {
 /// When something does not fit, steps fail again and again, or the user stops.
 fn train(
     trained: &Trained,
-    decoder: &mut ElementDecoder,
+    decoder: &mut ExplicitDecoder,
     seconds: Option<f64>,
 ) -> Result<Training> {
     let clock = Instant::now();
@@ -182,11 +177,13 @@ fn train(
         ..scene.stage1.clone()
     };
     let basis = shapes.basis_in_training();
+    let focus = Focus::new(&pulled, scene.stage1.focus);
     let regression = |settings| Regression {
-        points: &body.points,
+        points: &body.samples,
         descriptors: &descriptors,
         targets: &pulled,
         basis: &basis,
+        focus: &focus,
         settings,
         seed: scene.seed,
     };
@@ -250,7 +247,7 @@ fn epochs_within(seconds: f64, per_step: f64, steps_per_epoch: u64) -> usize {
     (epochs.floor() as usize).max(1)
 }
 
-fn regress(regression: &Regression, decoder: &mut ElementDecoder) -> Result<u64> {
+fn regress(regression: &Regression, decoder: &mut ExplicitDecoder) -> Result<u64> {
     let steps = stage1::steps(regression.settings, regression.descriptors.len());
     let mut adam = AdamState::new(decoder.parameter_count());
     let mut phase = Phase::new("decoder 1", steps, 0);
@@ -266,30 +263,26 @@ fn regress(regression: &Regression, decoder: &mut ElementDecoder) -> Result<u64>
 /// Returns the steps, and how many of them were dropped.
 fn through_simulator(
     simulator: &mut ThroughSimulator,
-    decoder: &mut ElementDecoder,
+    decoder: &mut ExplicitDecoder,
     warm: &mut [Vec<Vector3<f64>>],
 ) -> Result<(u64, u64)> {
     let steps = stage2::steps(&simulator.scene.stage2, simulator.shapes.len());
     let percent = 100.0 / simulator.body.diagonal;
     let mut adam = AdamState::new(decoder.parameter_count());
     let mut phase = Phase::new("decoder 2", steps, 0);
-    let (mut failures, mut dropped) = (0, 0);
+    let (mut failures, mut dropped) = (Failures::default(), 0);
     for step in 0..steps {
         check_stop()?;
         match simulator.step(decoder, &mut adam, warm, step)? {
             Outcome::Stepped(done) => {
-                failures = 0;
+                failures.end();
                 let error = done.mean_error * percent;
                 phase.step(|| format!("loss {:.2e}, error {error:.3} %", done.loss));
             }
             Outcome::Dropped(reason) => {
-                failures += 1;
                 dropped += 1;
-                if failures == MAX_FAILURES {
-                    return Err(TrainerError::DecoderDiverged {
-                        count: MAX_FAILURES as usize,
-                        reason,
-                    });
+                if let Some(count) = failures.add() {
+                    return Err(TrainerError::DecoderDiverged { count, reason });
                 }
                 phase.step(|| format!("dropped: {reason}"));
             }
@@ -324,7 +317,7 @@ mod tests {
         Wanted::of(trained, &request).unwrap()
     }
 
-    fn mean_error(trained: &Trained, decoder: &ElementDecoder) -> f64 {
+    fn mean_error(trained: &Trained, decoder: &ExplicitDecoder) -> f64 {
         let mut evaluator = Evaluator::new(&trained.body, &trained.scene).unwrap();
         let errors = trained.shapes.all.iter().map(|shape| {
             let descriptor = trained.shapes.descriptor(&shape.positions).unwrap();
@@ -341,10 +334,8 @@ mod tests {
         scene.stage1.blends = 0;
         scene.stage2.epochs = 0;
         let mut case = trained(scene);
-        let fresh = || ElementDecoder {
-            net: ExplicitDecoder::new(&wanted(&case, CompareRequest::default()).config, 1).unwrap(),
-            samples: 8,
-        };
+        let config = wanted(&case, CompareRequest::default()).config;
+        let fresh = || ExplicitDecoder::new(&config, 1).unwrap();
         let mut decoder = fresh();
         let at_rest = mean_error(&case, &decoder);
         let first = train(&case, &mut decoder, None).unwrap();
@@ -372,7 +363,7 @@ mod tests {
             ..CompareRequest::default()
         };
         let first = ask(&case, of_width(7));
-        assert_eq!(first.decoder.net.config().width, 7);
+        assert_eq!(first.decoder.config().width, 7);
         // The time that training took tells one training from another.
         let again = ask(&case, CompareRequest::default());
         assert_eq!(
@@ -381,7 +372,7 @@ mod tests {
         );
         assert_eq!(ask(&case, of_width(7)).training, first.training);
         let wider = ask(&case, of_width(9));
-        assert_eq!(wider.decoder.net.config().width, 9);
+        assert_eq!(wider.decoder.config().width, 9);
         let hasty = CompareRequest {
             seconds: Some(1e-6),
             ..CompareRequest::default()
@@ -396,7 +387,7 @@ mod tests {
             ..CompareRequest::default()
         };
         let retrained = ask(&case, anew.clone());
-        assert_eq!(retrained.decoder.net.config().width, WIDTH);
+        assert_eq!(retrained.decoder.config().width, WIDTH);
         assert_eq!(retrained.training.seconds_asked, None);
         case.scene.seed += 1;
         let other = ask(&case, CompareRequest::default());

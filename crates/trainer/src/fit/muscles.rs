@@ -126,7 +126,10 @@ impl<'a> Muscles<'a> {
         if !latent.iter().chain(&joint).all(|x| x.is_finite()) {
             return Ok(None);
         }
-        let trace = match self.net.trace_latent(&latent, &self.body.points) {
+        let trace = match self
+            .net
+            .trace_latent(&latent, &self.body.actuated().coordinates)
+        {
             Ok(trace) => trace,
             Err(actuation_net::Error::NonFiniteOutput { .. }) => return Ok(None),
             Err(error) => return Err(error.into()),
@@ -166,7 +169,9 @@ impl<'a> Muscles<'a> {
             let mut moved = latent.clone();
             moved[k] += (LATENT_VARIATION * self.unit) as f32;
             let h = f64::from(moved[k] - latent[k]) / self.unit;
-            let answer = self.net.evaluate_latent(&moved, &self.body.points)?;
+            let answer = self
+                .net
+                .evaluate_latent(&moved, &self.body.actuated().coordinates)?;
             crate::simulator::set_actuation(&mut parameters, &answer.actuation);
             return Ok((parameters, h));
         }

@@ -51,7 +51,9 @@ impl Ball {
         for (z, share) in latent.iter_mut().zip([0.12, -0.1, 0.1, -0.12]) {
             *z += share * unit;
         }
-        let answer = net.evaluate_latent(&latent, &body.points).unwrap();
+        let answer = net
+            .evaluate_latent(&latent, &body.actuated().coordinates)
+            .unwrap();
         let mut evaluator = Evaluator::new(body, scene).unwrap();
         let found = evaluator.equilibrium(&answer, None).unwrap();
         let vertices = body.surface_positions(&found.solution.positions);
@@ -140,7 +142,9 @@ fn a_code_that_no_descriptor_gives_is_recovered() {
     let Trained {
         scene, body, net, ..
     } = &ball.trained;
-    let answer = net.evaluate_latent(&latent, &body.points).unwrap();
+    let answer = net
+        .evaluate_latent(&latent, &body.actuated().coordinates)
+        .unwrap();
     let mut evaluator = Evaluator::new(body, scene).unwrap();
     let again = evaluator.equilibrium(&answer, None).unwrap();
     let surface = body.surface_positions(&again.solution.positions);
