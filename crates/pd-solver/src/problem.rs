@@ -9,6 +9,7 @@ use crate::spec::{EffectSpec, Parameters};
 use crate::vector::NodalVector;
 use hex_mesh::HexMesh;
 use nalgebra::Vector3;
+use std::time::{Duration, Instant};
 
 /// Stiffness of the springs that hold a coarse body where prescribed nodes lie inside its elements, in units of elastic
 /// stiffness times the edge of a fine element: stiff against the flesh around, which is all that a start needs.
@@ -25,6 +26,8 @@ pub(crate) struct Problem {
     /// Energy per volume for a unit misfit.
     pub(crate) elastic_stiffness: f64,
     pub(crate) work: Work,
+    /// Time in evaluations of energy and gradient since the body was built.
+    pub(crate) local_time: Duration,
 }
 
 impl Problem {
@@ -50,6 +53,7 @@ impl Problem {
             element_size: mesh.element_size(),
             elastic_stiffness,
             work,
+            local_time: Duration::ZERO,
         })
     }
 
@@ -82,6 +86,7 @@ impl Problem {
             element_size: self.element_size * 2.0,
             elastic_stiffness: self.elastic_stiffness,
             work: Work::default(),
+            local_time: Duration::ZERO,
         }
     }
 
@@ -181,6 +186,7 @@ impl Problem {
 
     /// Energy at `u`; `gradient` is overwritten, and zero at prescribed nodes.
     pub(crate) fn evaluate(&mut self, u: &[Vector3<f64>], gradient: &mut NodalVector) -> f64 {
+        let clock = Instant::now();
         gradient.fill(Vector3::zeros());
         let mut energy = 0.0;
         for effect in &mut self.effects {
@@ -189,6 +195,7 @@ impl Problem {
         }
         self.work.evaluations += 1;
         self.clear_prescribed(gradient);
+        self.local_time += clock.elapsed();
         energy
     }
 

@@ -149,6 +149,9 @@ pub struct SolveStats {
     pub work: Work,
     /// Wall-clock seconds.
     pub seconds: f64,
+    /// Those of them in evaluations of energy and gradient on the body itself: the local part. The rest is global: directions, multigrid,
+    /// coarser bodies.
+    pub local_seconds: f64,
 }
 
 impl SolveStats {
@@ -268,6 +271,7 @@ impl Default for Solution {
                 fell_back: false,
                 work: Work::default(),
                 seconds: 0.0,
+                local_seconds: 0.0,
             },
         }
     }

@@ -255,6 +255,7 @@ impl Solver {
         solution: &mut Solution,
     ) -> Result<(), SolverError> {
         let clock = Instant::now();
+        let local = self.problem.local_time;
         let (Stop::Accuracy(value) | Stop::RelativeGradient(value)) = options.stop;
         if !(value.is_finite() && value > 0.0) {
             return Err(SolverError::BadStop { value });
@@ -274,6 +275,7 @@ impl Solver {
         solution.stats = SolveStats {
             work: self.work(),
             seconds: clock.elapsed().as_secs_f64(),
+            local_seconds: (self.problem.local_time - local).as_secs_f64(),
             ..stats
         };
         Ok(())
@@ -392,6 +394,7 @@ impl Solver {
             fell_back: method != asked,
             work: Work::default(),
             seconds: 0.0,
+            local_seconds: 0.0,
         };
         Ok((outcome.status, stats))
     }

@@ -91,6 +91,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         log_x: false,
         log_y: true,
         markers: false,
+        labels: Vec::new(),
     };
     plot.write_svg(folder.join("loss.svg"))?;
     plot.write_png(folder.join("loss.png"))?;
@@ -112,6 +113,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         log_x: true,
         log_y: true,
         markers: true,
+        labels: Vec::new(),
     };
     accuracy.write_png(folder.join("accuracy.png"))?;
     println!("pictures are in {}", folder.display());

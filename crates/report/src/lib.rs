@@ -26,6 +26,6 @@ pub use colour_map::{ColourScale, error_colour};
 pub use contact::{ContactSheet, Panel};
 pub use error::ReportError;
 pub use image::{Image, Rgb, SIDE_LIMIT};
-pub use plot::{LinePlot, Series};
+pub use plot::{LinePlot, PlotLabel, Series, SeriesStyle};
 pub use render::{BACKGROUND, CLAY, Colours, Mesh, render};
 pub use sheet::{ComparisonSheet, Row};

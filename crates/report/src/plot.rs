@@ -4,6 +4,7 @@ use crate::error::ReportError;
 use crate::files::write_whole;
 use kuva::PngBackend;
 use kuva::backend::svg::SvgBackend;
+use kuva::plot::annotations::TextAnnotation;
 use kuva::plot::{LegendPosition, LinePlot as KuvaLine, ScatterPlot};
 use kuva::render::layout::{Layout, TickFormat};
 use kuva::render::plots::Plot;
@@ -15,13 +16,27 @@ const COLOURS: [&str; 8] = [
     "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#000000", "#E69F00", "#56B4E9", "#A89C00",
 ];
 
-/// A named line.
+/// How a series is drawn.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum SeriesStyle {
+    /// A line through the points.
+    #[default]
+    Line,
+    /// A dashed line, for what is not measured: a slope, a bound.
+    Dashed,
+    /// Dots alone.
+    Dots,
+}
+
+/// A named line or cloud of dots.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Series {
     /// Its name in the legend.
     pub name: String,
     /// Its points (x, y) in drawing order.
     pub points: Vec<(f64, f64)>,
+    /// How it is drawn.
+    pub style: SeriesStyle,
 }
 
 impl Series {
@@ -30,12 +45,28 @@ impl Series {
         Self {
             name: name.into(),
             points,
+            style: SeriesStyle::Line,
         }
+    }
+
+    /// The same points in another style.
+    #[must_use]
+    pub fn with_style(self, style: SeriesStyle) -> Self {
+        Self { style, ..self }
     }
 }
 
-/// A plot of lines with a legend, in colours that do not need full colour vision.
+/// Text at a place of a plot.
 #[derive(Clone, Debug, PartialEq)]
+pub struct PlotLabel {
+    /// The text.
+    pub text: String,
+    /// Where it begins, in the units of the axes.
+    pub at: (f64, f64),
+}
+
+/// A plot of lines with a legend, in colours that do not need full colour vision.
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct LinePlot {
     /// Text above the plot.
     pub title: String,
@@ -49,8 +80,10 @@ pub struct LinePlot {
     pub log_x: bool,
     /// Logarithmic y axis.
     pub log_y: bool,
-    /// Dots at the points, for measurements rather than curves.
+    /// Dots at the points of lines, for measurements rather than curves.
     pub markers: bool,
+    /// Texts within the plot.
+    pub labels: Vec<PlotLabel>,
 }
 
 impl LinePlot {
@@ -120,18 +153,23 @@ impl LinePlot {
         let mut plots: Vec<Plot> = Vec::new();
         for (series, colour) in self.series.iter().zip(COLOURS.iter().cycle()) {
             let points = || series.points.iter().copied();
+            let dots = ScatterPlot::new()
+                .with_data(points())
+                .with_color(*colour)
+                .with_size(4.0);
+            if series.style == SeriesStyle::Dots {
+                plots.push(dots.with_legend(literal(&series.name)).into());
+                continue;
+            }
             let line = KuvaLine::new()
                 .with_data(points())
                 .with_color(*colour)
                 .with_stroke_width(2.0)
                 .with_legend(literal(&series.name));
-            plots.push(line.into());
+            let is_dashed = series.style == SeriesStyle::Dashed;
+            plots.push(if is_dashed { line.with_dashed() } else { line }.into());
             // A single point has no line to be seen by.
-            if self.markers || series.points.len() == 1 {
-                let dots = ScatterPlot::new()
-                    .with_data(points())
-                    .with_color(*colour)
-                    .with_size(4.0);
+            if self.markers && !is_dashed || series.points.len() == 1 {
                 plots.push(dots.into());
             }
         }
@@ -143,6 +181,10 @@ impl LinePlot {
             .with_y_label(literal(&self.y_label))
             .with_legend_position(LegendPosition::OutsideRightTop)
             .with_tick_format(TickFormat::Auto);
+        for label in &self.labels {
+            let text = TextAnnotation::new(literal(&label.text), label.at.0, label.at.1);
+            layout = layout.with_annotation(text);
+        }
         if self.log_x {
             layout = layout.with_log_x();
         }

@@ -348,6 +348,7 @@ fn plot(points: Vec<(f64, f64)>) -> LinePlot {
         log_x: true,
         log_y: true,
         markers: true,
+        labels: Vec::new(),
     }
 }
 

@@ -17,7 +17,7 @@ use crate::files::create_folder;
 use crate::progress::stop_requested;
 use crate::run::Run;
 use crate::shapes::Shape;
-use crate::trained::Trained;
+use crate::trained::{Changes, Trained};
 use decoder::Wanted;
 use measure::{Measure, Reached};
 use std::path::PathBuf;
@@ -47,7 +47,7 @@ pub struct CompareRequest {
 /// output cannot be written.
 pub fn compare(run: &Run, request: &CompareRequest) -> Result<(Comparison, PathBuf)> {
     check_seconds(request.seconds)?;
-    let trained = Trained::load(run, None)?;
+    let trained = Trained::load(run, &Changes::default())?;
     let training_seconds = Checkpoint::read(run, trained.net.config())?.seconds;
     let wanted = Wanted::of(&trained, request)?;
     let mut frames: Vec<Shape> = trained.shapes.all.clone();

@@ -11,7 +11,7 @@ use crate::run::Run;
 use crate::scene::Scene;
 use crate::shapes::{Shape, ShapeSet, Shapes, difference, read_matching};
 use crate::simulator::{Equilibrium, Simulator};
-use crate::trained::Trained;
+use crate::trained::{Changes, Trained};
 use actuation_net::Output;
 use face_rig::JointParameters;
 use nalgebra::Vector3;
@@ -43,6 +43,8 @@ pub struct ShapeResult {
     pub status: Status,
     /// Seconds for network, equilibrium and surface.
     pub seconds: f64,
+    /// Estimated largest distance of a node from its final place; absent where no step was needed.
+    pub estimated_error: Option<f64>,
     /// Elements with at least one sample turned inside out.
     pub inverted_elements: usize,
     /// Mean distance over the vertices that the loss does not leave out, each weighted by what it counts.
@@ -112,7 +114,7 @@ impl<'a> Evaluator<'a> {
         answer: &Output,
         start: Option<&[Vector3<f64>]>,
     ) -> Result<Equilibrium> {
-        let accuracy = self.scene.evaluation.accuracy * self.body.diagonal;
+        let accuracy = self.scene.evaluation_accuracy(self.body.diagonal);
         let options =
             SolveOptions::new(Stop::Accuracy(accuracy)).with_method(self.scene.evaluation.method);
         self.simulator.equilibrium(answer, start, &options)
@@ -160,6 +162,7 @@ impl<'a> Evaluator<'a> {
             error_p99,
             joint: theta,
             jaw_error: jaw.map(|((hanging, own), wanted)| hanging.mean_distance(own, wanted)),
+            estimated_error: solution.stats.estimated_error,
             inverted_elements: self.body.inverted_elements(&solution.positions),
             descriptor,
             target: shape.positions.clone(),
@@ -191,8 +194,8 @@ pub struct EvaluationRequest {
     pub units: Option<PathBuf>,
     /// Blends of shapes by name and weight.
     pub blends: Vec<Vec<(String, f64)>>,
-    /// Another element size than that of training.
-    pub element_size: Option<f64>,
+    /// What differs from training.
+    pub changes: Changes,
     /// Where to write; the run's own folder otherwise.
     pub out: Option<PathBuf>,
 }
@@ -208,7 +211,7 @@ pub fn evaluate(run: &Run, request: &EvaluationRequest) -> Result<(Vec<ShapeResu
         body,
         shapes,
         net,
-    } = Trained::load(run, request.element_size)?;
+    } = Trained::load(run, &request.changes)?;
     let mut wanted: Vec<Shape> = shapes.all.clone();
     let more = (request.shapes.as_deref(), request.units.as_deref());
     wanted.extend(more_shapes(more.0, more.1, &scene, &shapes, &inputs)?);

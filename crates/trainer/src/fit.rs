@@ -23,7 +23,7 @@ use crate::progress::Phase;
 use crate::run::Run;
 use crate::scene::Scene;
 use crate::shapes::Shapes;
-use crate::trained::Trained;
+use crate::trained::{Changes, Trained};
 use actuation_net::ActuationNet;
 use face_rig::JointParameters;
 use muscles::{Muscles, State};
@@ -67,8 +67,8 @@ pub struct FitRequest {
     pub source: FitSource,
     /// Limit of the search's steps.
     pub steps: usize,
-    /// Another element size than that of training.
-    pub element_size: Option<f64>,
+    /// What differs from training.
+    pub changes: Changes,
     /// Where to write; the run's evaluation folder otherwise.
     pub out: Option<PathBuf>,
 }
@@ -144,7 +144,7 @@ pub fn fit(run: &Run, request: &FitRequest) -> Result<Fit> {
             mend: "give at least 1",
         });
     }
-    let trained = Trained::load(run, request.element_size)?;
+    let trained = Trained::load(run, &request.changes)?;
     let Trained {
         scene, body, net, ..
     } = &trained;

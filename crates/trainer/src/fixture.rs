@@ -110,6 +110,7 @@ pub fn result(name: &str, set: ShapeSet) -> ShapeResult {
         iterations: 7,
         status: Status::Converged,
         seconds: 0.1,
+        estimated_error: Some(1e-6),
         inverted_elements: 0,
         weighted_error: 0.02,
         error_p99: 0.04,

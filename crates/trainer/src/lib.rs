@@ -15,6 +15,7 @@ pub mod body;
 pub mod checkpoint;
 pub mod compare;
 mod curves;
+pub mod dial;
 mod draw;
 pub mod error;
 pub mod evaluate;
@@ -43,6 +44,7 @@ pub mod stage2;
 pub mod table;
 pub mod train;
 pub mod trained;
+pub mod units;
 pub mod weights;
 
 pub use error::{Result, TrainerError};

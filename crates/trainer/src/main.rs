@@ -5,6 +5,7 @@ use pd_solver::{Method, Stop};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use trainer::compare::{CompareRequest, compare, markdown};
+use trainer::dial::with_accuracy;
 use trainer::evaluate::{EvaluationRequest, evaluate, parse_weights};
 use trainer::fit::{DEFAULT_STEPS, FitRequest, FitSource, fit, fit_table};
 use trainer::performance::{CodePath, DEFAULT_FPS, PerformanceRequest, Source, perform, summary};
@@ -13,8 +14,10 @@ use trainer::run::{Run, newest_folder, next_folder};
 use trainer::scene::Scene;
 use trainer::shapes::load_shapes;
 use trainer::solve::{BodySource, SolveRequest, solve};
-use trainer::table::table;
+use trainer::table::{accuracy_reached, table};
 use trainer::train::{check, train};
+use trainer::trained::Changes;
+use trainer::units::Length;
 use trainer::{TrainerError, stop_on_signal};
 
 /// Trains a neural muscle field that drives a soft body through physics, and simulates it.
@@ -51,6 +54,14 @@ struct TrainArgs {
     /// Folder that the scene's files are relative to (that of the scene file unless given).
     #[arg(long, value_name = "DIR")]
     data: Option<PathBuf>,
+    /// How far any node may be from its place, such as "0.05 mm", instead of what the scene says; a bare number is in the scene's unit.
+    #[arg(
+        long,
+        value_name = "LENGTH",
+        allow_hyphen_values = true,
+        conflicts_with = "resume"
+    )]
+    accuracy: Option<Length>,
 }
 
 #[derive(Args)]
@@ -111,12 +122,31 @@ struct EvalArgs {
         allow_hyphen_values = true
     )]
     fps: Option<f64>,
-    /// Another element size than that of training.
-    #[arg(long, value_name = "H", allow_hyphen_values = true)]
-    element_size: Option<f64>,
+    #[command(flatten)]
+    changes: ChangeArgs,
     /// Where to write (RUN/evaluation unless given).
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
+}
+
+/// What may differ from training.
+#[derive(Args)]
+struct ChangeArgs {
+    /// Another element size than that of training.
+    #[arg(long, value_name = "H", allow_hyphen_values = true)]
+    element_size: Option<f64>,
+    /// How far any node may be from its place, such as "0.05 mm"; a bare number is in the scene's unit.
+    #[arg(long, value_name = "LENGTH", allow_hyphen_values = true)]
+    accuracy: Option<Length>,
+}
+
+impl From<ChangeArgs> for Changes {
+    fn from(args: ChangeArgs) -> Self {
+        Self {
+            element_size: args.element_size,
+            accuracy: args.accuracy,
+        }
+    }
 }
 
 #[derive(Args)]
@@ -257,7 +287,11 @@ fn run_train(args: &TrainArgs) -> trainer::Result<()> {
         };
         Run::open(&folder)?
     } else {
-        let (scene, text) = Scene::read(&args.scene)?;
+        let (mut scene, mut text) = Scene::read(&args.scene)?;
+        if let Some(accuracy) = &args.accuracy {
+            scene.set_accuracy(accuracy)?;
+            text = with_accuracy(&text, accuracy);
+        }
         let beside = args.scene.parent().map(PathBuf::from).unwrap_or_default();
         let data = args.data.as_ref().unwrap_or(&beside);
         let inputs = load_shapes(&scene, data)?;
@@ -288,6 +322,7 @@ fn run_train(args: &TrainArgs) -> trainer::Result<()> {
             &scene.unit
         )
     );
+    println!("{}", accuracy_reached(&trained.results, &scene.unit));
     let folder = run.folder().display();
     println!(
         "trained in {:.0} s ({} steps dropped)",
@@ -328,12 +363,13 @@ fn run_eval(args: EvalArgs) -> trainer::Result<()> {
         shapes: args.shapes,
         units: args.units,
         blends: blends.collect::<trainer::Result<_>>()?,
-        element_size: args.element_size,
+        changes: args.changes.into(),
         out: args.out,
     };
     let (results, folder) = evaluate(&run, &request)?;
     let diagonal = run.inputs()?.surface.diagonal();
     println!("\n{}", table(&results, &[], diagonal, &scene.unit));
+    println!("{}", accuracy_reached(&results, &scene.unit));
     println!("written to {}", folder.display());
     Ok(())
 }
@@ -352,7 +388,7 @@ fn run_fit(run: &Run, args: EvalArgs) -> trainer::Result<()> {
     let request = FitRequest {
         source,
         steps: args.fit_steps.unwrap_or(DEFAULT_STEPS),
-        element_size: args.element_size,
+        changes: args.changes.into(),
         out: args.out,
     };
     let fitted = fit(run, &request)?;
@@ -369,13 +405,14 @@ fn run_performance(run: &Run, source: Source, args: EvalArgs) -> trainer::Result
         source,
         units: args.units,
         fps: args.fps.unwrap_or(DEFAULT_FPS),
-        element_size: args.element_size,
+        changes: args.changes.into(),
         out: args.out,
     };
     let performance = perform(run, &request)?;
     let (diagonal, unit) = (performance.diagonal, &performance.unit);
     let results: Vec<_> = performance.frames.iter().map(|f| &f.result).collect();
     println!("\n{}", table(&results, &[], diagonal, unit));
+    println!("{}", accuracy_reached(&results, unit));
     println!("{}", summary(&performance));
     let folder = performance.folder.display();
     println!("written to {folder}");

@@ -3,6 +3,7 @@
 use crate::error::{Result, TrainerError};
 use crate::progress::note;
 use crate::scene::UNNAMED_UNIT;
+use crate::units::is_same_unit;
 use std::path::Path;
 use surface_mesh::{MorphedSurface, Surface};
 
@@ -60,41 +61,6 @@ pub fn check_unit(path: &Path, file: &MorphedSurface, unit: &str) {
             path.display()
         ));
     }
-}
-
-/// Names of the common units of length.
-const UNITS: [(&str, &[&str]); 4] = [
-    (
-        "mm",
-        &[
-            "mm",
-            "millimetre",
-            "millimeter",
-            "millimetres",
-            "millimeters",
-        ],
-    ),
-    (
-        "cm",
-        &[
-            "cm",
-            "centimetre",
-            "centimeter",
-            "centimetres",
-            "centimeters",
-        ],
-    ),
-    ("m", &["m", "metre", "meter", "metres", "meters"]),
-    ("in", &["in", "inch", "inches"]),
-];
-
-fn is_same_unit(a: &str, b: &str) -> bool {
-    let standard = |name: &str| {
-        let name = name.trim().to_lowercase();
-        let known = UNITS.iter().find(|(_, all)| all.contains(&name.as_str()));
-        known.map_or(name.clone(), |(unit, _)| (*unit).to_string())
-    };
-    standard(a) == standard(b)
 }
 
 /// What a ratio of sizes looks like.

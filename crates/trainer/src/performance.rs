@@ -17,7 +17,7 @@ use crate::progress::{Phase, stop_requested};
 use crate::run::Run;
 use crate::scene::Scene;
 use crate::shapes::{Shape, ShapeSet, Shapes};
-use crate::trained::Trained;
+use crate::trained::{Changes, Trained};
 use actuation_net::ActuationNet;
 use files::{Pictures, write};
 use nalgebra::Vector3;
@@ -49,8 +49,8 @@ pub struct PerformanceRequest {
     pub units: Option<PathBuf>,
     /// Frames per second of the animation.
     pub fps: f64,
-    /// Another element size than that of training.
-    pub element_size: Option<f64>,
+    /// What differs from training.
+    pub changes: Changes,
     /// The evaluation folder; the run's own otherwise. The files go to the folder `performance` in it.
     pub out: Option<PathBuf>,
 }
@@ -112,7 +112,7 @@ pub fn perform(run: &Run, request: &PerformanceRequest) -> Result<Performance> {
             mend: "give a number from 0.01 to 1000",
         });
     }
-    let trained = Trained::load(run, request.element_size)?;
+    let trained = Trained::load(run, &request.changes)?;
     let Trained {
         scene,
         inputs,

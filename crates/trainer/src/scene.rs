@@ -2,6 +2,7 @@
 
 use crate::error::{Result, TrainerError, file_error, suggestion};
 use crate::rig::{BoneSettings, JawSettings};
+use crate::units::Length;
 use actuation_net::Width;
 use hex_mesh::NodeRegion;
 use pd_solver::{EffectSpec, Method};
@@ -21,6 +22,10 @@ pub struct Scene {
     /// Seed of everything that is drawn at random.
     #[serde(default)]
     pub seed: u64,
+    /// How far any node may be from its place: sets the accuracy of all equilibria and the tolerance of the adjoint, instead of
+    /// `stage2.accuracy`, `stage2.adjoint_tolerance` and `evaluation.accuracy`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub accuracy: Option<Length>,
     /// Seconds of training between checkpoints; 0 writes one after every step.
     #[serde(default = "default_checkpoint_seconds")]
     pub checkpoint_seconds: f64,
@@ -361,6 +366,13 @@ impl Scene {
                 mend,
             })
         };
+        if let Some(accuracy) = &self.accuracy
+            && accuracy.in_unit(&self.unit).is_err()
+        {
+            let mend =
+                "give a bare number, in the scene's unit, or name a unit of length by `unit`";
+            return wrong("accuracy", accuracy.to_string(), mend);
+        }
         let positive = [
             ("mesh.element_size", self.mesh.element_size),
             ("stage1.spring_stiffness", self.stage1.spring_stiffness),

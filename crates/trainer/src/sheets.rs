@@ -151,6 +151,7 @@ pub fn write_losses(run: &Run) -> Result<()> {
             log_x: false,
             log_y: true,
             markers: false,
+            labels: Vec::new(),
         };
         plot.write_png(run.folder().join(format!("loss-{stage}.png")))?;
         plot.write_svg(run.folder().join(format!("loss-{stage}.svg")))?;

@@ -70,7 +70,7 @@ pub fn pull(
 ) -> Result<Vec<Pulled>> {
     let mut solver = Solver::new(&body.mesh, &pulling_effects(body, scene)?)?;
     let hanging = Hanging::new(body, &solver);
-    let options = SolveOptions::new(Stop::Accuracy(scene.stage2.accuracy * body.diagonal));
+    let options = SolveOptions::new(Stop::Accuracy(scene.training_accuracy(body.diagonal)));
     let mut phase = Phase::new("targets", shapes.len() as u64, 0);
     let (mut loose, mut left) = (Vec::new(), Vec::new());
     let mut all = Vec::new();

@@ -110,7 +110,9 @@ impl ThroughSimulator<'_> {
             Ok(asked) => asked,
             Err(error) => return Ok(Outcome::Dropped(error.to_string())),
         };
-        let options = SolveOptions::new(Stop::Accuracy(settings.accuracy * self.body.diagonal));
+        let options = SolveOptions::new(Stop::Accuracy(
+            self.scene.training_accuracy(self.body.diagonal),
+        ));
         let start = Some(warm[shape].as_slice());
         let reached = self.simulator.equilibrium(&answer, start, &options)?;
         let solution = &reached.solution;
@@ -124,7 +126,7 @@ impl ThroughSimulator<'_> {
         let target = &self.shapes[shape].positions;
         let loss = Loss::new(self.body, target, &self.scene.loss);
         let (mut value, node_bar) = loss.nodes(&solution.positions);
-        let tolerance = settings.adjoint_tolerance;
+        let tolerance = self.scene.adjoint_tolerance(self.body.diagonal);
         let cotangent = self.simulator.cotangent(&reached, &node_bar, tolerance)?;
         let (mut bar, adjoint) = match cotangent {
             Ok(done) => done,

@@ -11,6 +11,18 @@ pub fn mean_of(values: impl Iterator<Item = f64>) -> f64 {
     if count == 0 { 0.0 } else { sum / count as f64 }
 }
 
+/// One line: how far the nodes are from their places, as the solver estimates.
+pub fn accuracy_reached<R: Borrow<ShapeResult>>(results: &[R], unit: &str) -> String {
+    let all = results.iter().map(Borrow::borrow);
+    let estimated = all.filter_map(|r| Some((r.estimated_error?, r.name.as_str())));
+    let worst = estimated.max_by(|a, b| a.0.total_cmp(&b.0));
+    worst.map_or("solved exactly: nothing moves".into(), |(error, name)| {
+        format!(
+            "solved to {error:.1e} {unit} or better at every node, as estimated (worst in {name})"
+        )
+    })
+}
+
 /// The table that training and evaluation end with.
 pub fn table<R: Borrow<ShapeResult>>(
     results: &[R],

@@ -120,7 +120,12 @@ pub fn train(run: &Run) -> Result<Trained> {
     let descriptors = training.iter().map(|s| shapes.descriptor(&s.positions));
     let descriptors: Vec<Vec<f32>> = descriptors.collect::<Result<_>>()?;
     if session.state.stage != Stage::Done {
-        let pulled = stage1::pull(&body, &scene, &training, || session.check_stop())?;
+        // Stage 2 without superpositions has no use for them.
+        let is_pulled = session.state.stage == Stage::One || scene.stage2.blend_weight > 0.0;
+        let pulled = match is_pulled {
+            true => stage1::pull(&body, &scene, &training, || session.check_stop())?,
+            false => Vec::new(),
+        };
         let regression = Regression {
             points: &body.samples,
             descriptors: &descriptors,

@@ -5,6 +5,7 @@ use crate::error::{Result, TrainerError};
 use crate::run::Run;
 use crate::scene::Scene;
 use crate::shapes::Shapes;
+use crate::units::Length;
 use actuation_net::ActuationNet;
 use surface_mesh::MorphedSurface;
 
@@ -22,15 +23,27 @@ pub struct Trained {
     pub net: ActuationNet,
 }
 
+/// What may differ from training when a run is simulated.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Changes {
+    /// Edge length of an element.
+    pub element_size: Option<f64>,
+    /// How far any node may be from its place: [`Scene::accuracy`].
+    pub accuracy: Option<Length>,
+}
+
 impl Trained {
-    /// Loads a run, with elements of another size than that of training where one is given.
+    /// Loads a run, with what is given in `changes` instead of what training had.
     ///
     /// # Errors
-    /// When the run is not finished or damaged, or the element size does not fit the body.
-    pub fn load(run: &Run, element_size: Option<f64>) -> Result<Self> {
-        let scene = run.scene()?;
+    /// When the run is not finished or damaged, or a change does not fit the body.
+    pub fn load(run: &Run, changes: &Changes) -> Result<Self> {
+        let mut scene = run.scene()?;
+        if let Some(accuracy) = &changes.accuracy {
+            scene.set_accuracy(accuracy)?;
+        }
         let inputs = run.inputs()?;
-        let element_size = element_size.unwrap_or(scene.mesh.element_size);
+        let element_size = changes.element_size.unwrap_or(scene.mesh.element_size);
         let surface = inputs.surface.clone();
         let rig = run.rig()?;
         let body = Body::of_scene(&scene, surface, &rig, element_size)?;

@@ -29,7 +29,7 @@ impl Ball {
         )
         .unwrap();
         crate::train::train(&run).unwrap();
-        let trained = Trained::load(&run, None).unwrap();
+        let trained = Trained::load(&run, &Changes::default()).unwrap();
         Self {
             folder,
             run,
@@ -64,7 +64,7 @@ impl Ball {
         let request = FitRequest {
             source,
             steps: DEFAULT_STEPS,
-            element_size: None,
+            changes: Changes::default(),
             out: Some(self.path("out")),
         };
         fit(&self.run, &request)
@@ -231,7 +231,7 @@ fn shapes_and_steps_that_do_not_fit_are_refused() {
     let request = FitRequest {
         source,
         steps: 0,
-        element_size: None,
+        changes: Changes::default(),
         out: None,
     };
     let message = fit(&ball.run, &request).err().unwrap().to_string();

@@ -1,0 +1,153 @@
+//! What was measured, in plots.
+
+use crate::error::Result;
+use crate::estimates::{BOUNDS, Estimates};
+use crate::manufactured::Convergence;
+use crate::recommend::front;
+use crate::study::{Question, Row};
+use crate::table::Units;
+use report::{LinePlot, PlotLabel, Series, SeriesStyle};
+use std::path::Path;
+
+/// Error against seconds: every choice a dot, one colour for each number of samples, and a line through those that nothing beats.
+pub fn pareto(rows: &[Row], units: &Units) -> LinePlot {
+    let place = |row: &Row| (row.split.simulation(), row.error * units.diagonal);
+    let front = front(rows);
+    let line = front.iter().map(|row| place(row)).collect();
+    let mut series = vec![Series::new("nothing is better", line)];
+    let kinds = [(1, true), (8, true), (8, false), (27, false)];
+    for (samples, is_shared) in kinds {
+        let is_it = |row: &&Row| {
+            let shared = row.choice.actuation == trainer::scene::ActuationPer::Element;
+            row.question == Question::Matrix && (row.choice.samples, shared) == (samples, is_shared)
+        };
+        let points: Vec<_> = rows.iter().filter(is_it).map(place).collect();
+        if points.is_empty() {
+            continue;
+        }
+        let name = match (samples, is_shared) {
+            (1, _) => "1 sample".to_string(),
+            (n, true) => format!("{n} samples, 1 point"),
+            (n, false) => format!("{n} samples"),
+        };
+        series.push(Series::new(name, points).with_style(SeriesStyle::Dots));
+    }
+    let labels = front.iter().map(|row| PlotLabel {
+        text: row.choice.words(units.diagonal),
+        at: place(row),
+    });
+    LinePlot {
+        title: "What accuracy costs".into(),
+        x_label: "seconds per shape".into(),
+        y_label: format!("mean distance from the reference ({})", units.name),
+        series,
+        log_x: true,
+        log_y: true,
+        labels: labels.collect(),
+        ..LinePlot::default()
+    }
+}
+
+/// Where the time goes on finer and finer grids.
+pub fn split(rows: &[Row]) -> LinePlot {
+    let sized: Vec<&Row> = { rows.iter() }
+        .filter(|row| row.question == Question::Discretisation)
+        .collect();
+    type Part = fn(&Row) -> f64;
+    let parts: [(&str, Part); 6] = [
+        ("setup, once", |r| r.setup),
+        ("network", |r| r.split.network),
+        ("local", |r| r.split.local),
+        ("global", |r| r.split.global),
+        ("adjoint", |r| r.split.adjoint),
+        ("surface", |r| r.split.surface),
+    ];
+    let series = parts.map(|(name, part)| {
+        let points = sized.iter().map(|row| (row.elements as f64, part(row)));
+        Series::new(name, points.filter(|p| p.1 > 0.0).collect())
+    });
+    LinePlot {
+        title: "Where the time goes (27 samples, solved tightly)".into(),
+        x_label: "elements".into(),
+        y_label: "seconds per shape".into(),
+        series: series
+            .into_iter()
+            .filter(|s| !s.points.is_empty())
+            .collect(),
+        log_x: true,
+        log_y: true,
+        markers: true,
+        ..LinePlot::default()
+    }
+}
+
+/// Error against element size, of the body and of the case with a known answer, in diagonals and edges.
+pub fn discretisation(rows: &[Row], convergence: &Convergence, order: f64) -> LinePlot {
+    let sized = rows
+        .iter()
+        .filter(|r| r.question == Question::Discretisation);
+    let body = sized.map(|r| (r.choice.element_size, r.error)).collect();
+    let known = convergence.grids.iter();
+    let known = known.map(|g| (g.element_size, g.rms_error)).collect();
+    LinePlot {
+        title: "Element size".into(),
+        x_label: "element size (share of the body)".into(),
+        y_label: "error (share of the body)".into(),
+        series: vec![
+            Series::new(format!("this body, order {order:.2}"), body),
+            Series::new(
+                format!("known answer, order {:.2}", convergence.order),
+                known,
+            ),
+        ],
+        log_x: true,
+        log_y: true,
+        markers: true,
+        ..LinePlot::default()
+    }
+}
+
+/// Estimated against true errors, with the bounds between which they should lie.
+pub fn scatter(estimates: &Estimates) -> LinePlot {
+    let points = { estimates.cases.iter() }.filter_map(|case| {
+        let estimated = case.estimated.filter(|_| case.ratio().is_some())?;
+        Some((case, (case.true_error, estimated)))
+    });
+    let points: Vec<_> = points.collect();
+    let kinds = [("easy", false), ("with inverted samples", true)];
+    let mut series: Vec<Series> = kinds
+        .iter()
+        .map(|&(name, is_inverted)| {
+            let own = points
+                .iter()
+                .filter(|(c, _)| (c.inverted_samples > 0) == is_inverted);
+            Series::new(name, own.map(|p| p.1).collect()).with_style(SeriesStyle::Dots)
+        })
+        .filter(|s| !s.points.is_empty())
+        .collect();
+    let low = points.iter().map(|p| p.1.0).fold(f64::INFINITY, f64::min);
+    let high = points.iter().map(|p| p.1.0).fold(0.0, f64::max);
+    for (name, factor) in [("half", BOUNDS.0), ("equal", 1.0), ("five times", BOUNDS.1)] {
+        let line = vec![(low, factor * low), (high, factor * high)];
+        series.push(Series::new(name, line).with_style(SeriesStyle::Dashed));
+    }
+    LinePlot {
+        title: "Estimated and true error of a solve".into(),
+        x_label: "true error (diagonals)".into(),
+        y_label: "estimated error (diagonals)".into(),
+        series,
+        log_x: true,
+        log_y: true,
+        ..LinePlot::default()
+    }
+}
+
+/// Writes a plot as PNG and as SVG.
+///
+/// # Errors
+/// When it has no points or a file cannot be written.
+pub fn write(plot: &LinePlot, folder: &Path, name: &str) -> Result<()> {
+    plot.write_png(folder.join(format!("{name}.png")))?;
+    plot.write_svg(folder.join(format!("{name}.svg")))?;
+    Ok(())
+}

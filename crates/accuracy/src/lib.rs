@@ -1,0 +1,13 @@
+#![doc = include_str!("../README.md")]
+
+pub mod choice;
+pub mod draw;
+mod error;
+pub mod estimates;
+pub mod manufactured;
+pub mod recommend;
+pub mod study;
+pub mod subject;
+pub mod table;
+
+pub use error::{AccuracyError, Result};
