@@ -114,7 +114,7 @@ impl Simulated {
         let mut simulator = Simulator::new(&body, &scene)?;
         let setup = clock.elapsed().as_secs_f64();
         let options = SolveOptions::new(Stop::Accuracy(choice.accuracy * subject.diagonal));
-        let options = options.with_method(choice.method);
+        let options = options.with_method(choice.method).measuring_error();
         let net = &subject.field(choice.width).net;
         let shapes = subject.shapes()?;
         let share = 1.0 / shapes.len() as f64;

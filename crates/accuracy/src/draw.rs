@@ -6,6 +6,7 @@ use crate::manufactured::Convergence;
 use crate::recommend::front;
 use crate::study::{Question, Row};
 use crate::table::Units;
+use crate::training::Course;
 use report::{LinePlot, PlotLabel, Series, SeriesStyle};
 use std::path::Path;
 
@@ -32,8 +33,14 @@ pub fn pareto(rows: &[Row], units: &Units) -> LinePlot {
         };
         series.push(Series::new(name, points).with_style(SeriesStyle::Dots));
     }
-    let labels = front.iter().map(|row| PlotLabel {
-        text: row.choice.words(units.diagonal),
+    // Each grid is named once, at its most accurate solve.
+    let words = |row: &Row| row.choice.words(units.diagonal);
+    let lasts = front.iter().enumerate().filter(|&(i, row)| {
+        let next = front.get(i + 1);
+        next.is_none_or(|next| words(next) != words(row))
+    });
+    let labels = lasts.map(|(_, row)| PlotLabel {
+        text: words(row),
         at: place(row),
     });
     LinePlot {
@@ -100,6 +107,24 @@ pub fn discretisation(rows: &[Row], convergence: &Convergence, order: f64) -> Li
                 known,
             ),
         ],
+        log_x: true,
+        log_y: true,
+        markers: true,
+        ..LinePlot::default()
+    }
+}
+
+/// Loss against seconds, for one kind of knob at a time: those whose name begins so, beside the tightest.
+pub fn courses(courses: &[Course], kind: &str, title: &str) -> LinePlot {
+    let own = courses
+        .iter()
+        .filter(|c| c.tightness.name == "tight" || c.tightness.name.contains(kind));
+    let series = own.map(|c| Series::new(c.tightness.name.clone(), c.passes.clone()));
+    LinePlot {
+        title: title.into(),
+        x_label: "seconds".into(),
+        y_label: "mean loss of a pass".into(),
+        series: series.collect(),
         log_x: true,
         log_y: true,
         markers: true,

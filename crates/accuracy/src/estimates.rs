@@ -95,7 +95,7 @@ fn one(
     asked: f64,
 ) -> Result<EstimateCase> {
     let diagonal = diagonal(&body.mesh);
-    let options = SolveOptions::new(Stop::Accuracy(asked * diagonal));
+    let options = SolveOptions::new(Stop::Accuracy(asked * diagonal)).measuring_error();
     let solution = solver.solve(parameters, None, &options)?;
     let tight = SolveOptions::new(Stop::Accuracy(CLOSER * asked * diagonal));
     let tight = tight.with_method(Method::Newton);

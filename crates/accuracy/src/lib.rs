@@ -9,5 +9,6 @@ pub mod recommend;
 pub mod study;
 pub mod subject;
 pub mod table;
+pub mod training;
 
 pub use error::{AccuracyError, Result};

@@ -7,7 +7,10 @@ use accuracy::manufactured::convergence;
 use accuracy::recommend::{Recommendation, Wish, recommend, snippet};
 use accuracy::study::{Plan, Question, Row, Study, words};
 use accuracy::subject::Subject;
-use accuracy::table::{Units, convergence_table, estimates_table, study_table, value};
+use accuracy::table::{
+    Units, convergence_table, courses_table, estimates_table, study_table, value,
+};
+use accuracy::training::{Course, courses};
 use accuracy::{AccuracyError, Result};
 use actuation_net::Width;
 use clap::{Args, Parser, Subcommand};
@@ -41,6 +44,27 @@ enum Command {
         #[arg(long, value_name = "DIR", default_value = "accuracy/estimates")]
         out: PathBuf,
     },
+    /// Train with equilibria, adjoints and points loosened by factors of ten: loss against seconds, and how wrong gradients become.
+    Training(TrainingArgs),
+}
+
+#[derive(Args)]
+struct TrainingArgs {
+    /// Scene file (a network is trained for it by stage 1), or the folder of a trained run.
+    #[arg(value_name = "SCENE|RUN", default_value = "data/scenes/starfish.toml")]
+    subject: PathBuf,
+    /// Folder that the scene's files are relative to (that of the scene file unless given).
+    #[arg(long, value_name = "DIR")]
+    data: Option<PathBuf>,
+    /// Shapes that are trained.
+    #[arg(long, value_name = "N", default_value_t = 6)]
+    shapes: usize,
+    /// Passes over them.
+    #[arg(long, value_name = "N", default_value_t = 10)]
+    passes: usize,
+    /// Where to write (accuracy/NAME-training unless given).
+    #[arg(long, value_name = "DIR")]
+    out: Option<PathBuf>,
 }
 
 #[derive(Args)]
@@ -90,6 +114,7 @@ fn main() -> ExitCode {
     let cli = Cli::parse();
     let done = match cli.command {
         Some(Command::Estimates { out }) => run_estimates(&out),
+        Some(Command::Training(args)) => run_training(&args),
         None => run_study(&cli.study),
     };
     match done {
@@ -118,6 +143,49 @@ fn write_estimates(found: &Estimates, folder: &Path) -> Result<()> {
         estimates_table(found).as_bytes(),
     )?;
     draw::write(&draw::scatter(found), folder, "estimates")
+}
+
+fn run_training(args: &TrainingArgs) -> Result<()> {
+    let name = stem(&args.subject);
+    let out = args.out.clone();
+    let folder = out.unwrap_or_else(|| Path::new("accuracy").join(format!("{name}-training")));
+    let folder = create_folder(&folder)?;
+    let subject = open(
+        &args.subject,
+        args.data.as_deref(),
+        &[Width::W64],
+        args.shapes,
+        &folder,
+    )?;
+    let units = Units {
+        name: subject.scene.unit.clone(),
+        diagonal: subject.diagonal,
+    };
+    let told = |course: &Course| {
+        eprintln!("{:>12} {}", "trained", course.tightness.name);
+    };
+    let found = courses(&subject, args.passes, told)?;
+    let text = courses_table(&found, &units);
+    write_json(&folder.join("training.json"), &found)?;
+    write_whole(&folder.join("training.md"), text.as_bytes())?;
+    let kinds = [
+        ("equilibria", "Accuracy of the equilibria (diagonals)"),
+        ("adjoint", "Relative residual of the adjoint"),
+        ("%", "Points that the gradient goes through"),
+    ];
+    for (kind, title) in kinds {
+        let file = format!("training-{}", kind.replace('%', "points"));
+        draw::write(&draw::courses(&found, kind, title), &folder, &file)?;
+    }
+    println!("{text}\nwritten to {}", folder.display());
+    Ok(())
+}
+
+fn stem(path: &Path) -> String {
+    path.file_stem()
+        .unwrap_or_default()
+        .to_string_lossy()
+        .into_owned()
 }
 
 /// What a study writes as JSON.
@@ -156,17 +224,20 @@ fn run_study(args: &StudyArgs) -> Result<()> {
         let least = plan.sizes.iter().copied().fold(f64::INFINITY, f64::min);
         plan.reference_size = plan.reference_size.min(0.6 * least);
     }
-    let name = args
-        .subject
-        .file_stem()
-        .unwrap_or_default()
-        .to_string_lossy();
-    let out = match &args.out {
-        Some(out) => out.clone(),
-        None => Path::new("accuracy").join(&*name),
+    let out = args.out.clone();
+    let folder =
+        create_folder(&out.unwrap_or_else(|| Path::new("accuracy").join(stem(&args.subject))))?;
+    let widths: &[Width] = match args.full {
+        true => &[Width::W64, Width::W128, Width::W256],
+        false => &[Width::W64],
     };
-    let folder = create_folder(&out)?;
-    let subject = open(args, &plan, &folder)?;
+    let subject = open(
+        &args.subject,
+        args.data.as_deref(),
+        widths,
+        plan.shapes,
+        &folder,
+    )?;
     let units = Units {
         name: subject.scene.unit.clone(),
         diagonal: subject.diagonal,
@@ -248,17 +319,19 @@ fn in_unit(length: &Length, units: &Units) -> Result<f64> {
     })
 }
 
-fn open(args: &StudyArgs, plan: &Plan, folder: &Path) -> Result<Subject> {
-    if args.subject.is_dir() {
-        return Subject::of_run(&args.subject, plan.shapes);
+fn open(
+    subject: &Path,
+    data: Option<&Path>,
+    widths: &[Width],
+    shapes: usize,
+    folder: &Path,
+) -> Result<Subject> {
+    if subject.is_dir() {
+        return Subject::of_run(subject, shapes);
     }
-    let beside = args.subject.parent().map(PathBuf::from).unwrap_or_default();
-    let data = args.data.as_ref().unwrap_or(&beside);
-    let widths: &[Width] = match args.full {
-        true => &[Width::W64, Width::W128, Width::W256],
-        false => &[Width::W64],
-    };
-    Subject::of_scene(&args.subject, data, widths, folder, plan.shapes)
+    let beside = subject.parent().map(PathBuf::from).unwrap_or_default();
+    let data = data.unwrap_or(&beside);
+    Subject::of_scene(subject, data, widths, folder, shapes)
 }
 
 /// Order p of the error C (h^p - h_ref^p), the reference being off in the same way: the p whose C varies least over the sizes.

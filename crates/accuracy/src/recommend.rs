@@ -25,6 +25,9 @@ pub struct Recommendation {
     pub seconds: f64,
 }
 
+/// A slower choice that takes away less than the rest of this share of the error is not worth its time.
+const WORTH: f64 = 0.97;
+
 /// Rows of the matrix that no other beats in both error and time, the fastest first.
 pub fn front(rows: &[Row]) -> Vec<&Row> {
     let usable = |row: &&Row| row.question == Question::Matrix && row.failed == 0;
@@ -32,8 +35,10 @@ pub fn front(rows: &[Row]) -> Vec<&Row> {
     all.sort_by(|a, b| a.split.simulation().total_cmp(&b.split.simulation()));
     let mut best = f64::INFINITY;
     all.retain(|row| {
-        let is_better = row.error < best;
-        best = best.min(row.error);
+        let is_better = row.error < WORTH * best;
+        if is_better {
+            best = row.error;
+        }
         is_better
     });
     all

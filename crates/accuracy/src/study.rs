@@ -31,8 +31,8 @@ impl Plan {
     /// A few minutes on two cores for a body of some thousand elements.
     pub fn quick() -> Self {
         Self {
-            sizes: vec![2.0, 1.6, 1.3, 1.0],
-            reference_size: 0.6,
+            sizes: vec![2.0, 1.6, 1.3, 1.0, 0.8],
+            reference_size: 0.5,
             accuracies: vec![1e-2, 1e-3, 1e-4, 1e-5],
             tight: 1e-7,
             methods: vec![

@@ -4,6 +4,7 @@ use crate::estimates::{BOUNDS, Estimates};
 use crate::manufactured::Convergence;
 use crate::recommend::front;
 use crate::study::{Question, Row, words};
+use crate::training::Course;
 use std::fmt::Write;
 
 /// Lengths of a scene.
@@ -104,6 +105,26 @@ pub fn convergence_table(convergence: &Convergence) -> String {
         );
     }
     let _ = writeln!(text, "\nOrder {:.2}.", convergence.order);
+    text
+}
+
+/// What each tightness of training costs and reaches.
+pub fn courses_table(courses: &[Course], units: &Units) -> String {
+    let name = &units.name;
+    let mut text = format!(
+        "| tightness | angle of the gradient (degrees) | seconds | loss, last pass | error after ({name}) | dropped |\n|---|---|---|---|---|---|\n"
+    );
+    for course in courses {
+        let (seconds, loss) = course.passes.last().copied().unwrap_or_default();
+        let _ = writeln!(
+            text,
+            "| {} | {:.3} | {seconds:.1} | {loss:.3e} | {:.3e} | {} |",
+            course.tightness.name,
+            course.angle,
+            course.error * units.diagonal,
+            course.dropped
+        );
+    }
     text
 }
 

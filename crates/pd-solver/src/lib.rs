@@ -29,6 +29,7 @@ mod effects;
 mod error;
 mod forest;
 mod krylov;
+mod measure;
 mod methods;
 mod multifrontal;
 mod multigrid;

@@ -50,6 +50,8 @@ pub enum Estimate {
     /// A Newton step on the true Hessian, taken where the direction cannot be trusted: inverted samples, directions that grow,
     /// negative curvature, or the constant matrix as preconditioner.
     NewtonStep,
+    /// A Newton step at the result, not taken: see [`SolveOptions::measure_error`].
+    Measured,
     /// Extrapolation of linear convergence: what all further steps would add up to.
     Extrapolation,
 }
@@ -75,6 +77,10 @@ pub struct SolveOptions {
     /// With a start: use the preconditioner of the solver's last call, and what was learnt with it, as they are where that was built
     /// nearby. Saves its building and steps; in exchange the result depends, within its accuracy, on the calls before.
     pub reuse: bool,
+    /// Measure the error at the end by a Newton step that is not taken, and go on where it is larger than the accuracy asked. What a solve
+    /// tells without is a bound by what its last step did, mostly several times too large; this is about the error itself, for a few
+    /// products with the Hessian.
+    pub measure_error: bool,
 }
 
 impl SolveOptions {
@@ -85,6 +91,16 @@ impl SolveOptions {
             method: Method::default(),
             max_iterations: 2000,
             reuse: false,
+            measure_error: false,
+        }
+    }
+
+    /// The same with the error measured at the end.
+    #[must_use]
+    pub fn measuring_error(self) -> Self {
+        Self {
+            measure_error: true,
+            ..self
         }
     }
 

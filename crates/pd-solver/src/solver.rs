@@ -379,6 +379,9 @@ impl Solver {
             outcome = self.run_method(method, u, &target, left);
             outcome.iterations += done;
         }
+        if options.measure_error {
+            self.measure(method, u, target, options.max_iterations, &mut outcome);
+        }
         let stats = SolveStats {
             iterations: outcome.iterations,
             coarse_iterations,
@@ -399,7 +402,7 @@ impl Solver {
         Ok((outcome.status, stats))
     }
 
-    fn run_method(
+    pub(crate) fn run_method(
         &mut self,
         method: Method,
         u: &mut NodalVector,
@@ -412,13 +415,22 @@ impl Solver {
             Method::Newton => newton,
             _ => lbfgs,
         };
+        let (problem, pre, space) = self.parts(method);
+        run(problem, pre, space, u, target, limit)
+    }
+
+    /// What a method works with; its preconditioner was built when it was chosen.
+    pub(crate) fn parts(
+        &mut self,
+        method: Method,
+    ) -> (&mut Problem, &mut dyn Preconditioner, &mut Workspace) {
         let by_cycle = matches!(method, Method::Multigrid | Method::Newton);
         let pre: &mut dyn Preconditioner = match (&mut self.cycle, &mut self.constant) {
             (Some(cycle), _) if by_cycle => cycle,
             (_, Some(constant)) => constant,
-            _ => unreachable!("the method's preconditioner was built when it was chosen"),
+            _ => unreachable!("a method is chosen before it is run"),
         };
-        run(&mut self.problem, pre, &mut self.space, u, target, limit)
+        (&mut self.problem, pre, &mut self.space)
     }
 
     /// The gradient of a loss by all parameters, given its gradient `cotangent` by the positions of all nodes at an equilibrium.

@@ -6,7 +6,8 @@ use common::{Numbers, clamped_box, elasticity, held, max_distance, nodes_where};
 use hex_mesh::{HexMesh, Quadrature};
 use nalgebra::{Matrix3, Vector3};
 use pd_solver::{
-    EffectSpec, Method, NodeSet, SolveOptions, Solver, SolverError, SpringPoints, Status, Stop,
+    EffectSpec, Estimate, Method, NodeSet, SolveOptions, Solver, SolverError, SpringPoints, Status,
+    Stop,
 };
 
 const METHODS: [Method; 5] = [
@@ -42,6 +43,35 @@ fn constant_actuation_gives_the_affine_shape() {
             let error = max_distance(&solution.positions, &expected);
             assert!(error < 1e-9, "{method:?} {quadrature:?}: {error:e}");
             assert!(solution.stats.energy < 1e-18);
+        }
+    }
+}
+
+/// What is measured at the end of a solve is the distance that a tight solve finds, and what was asked holds.
+#[test]
+fn a_measured_error_is_the_error() {
+    let mesh = HexMesh::solid_box([12, 6, 6], 1.0 / 6.0, Quadrature::Eight).unwrap();
+    let wall = nodes_where(&mesh, |x| x.x == 0.0);
+    let mut solver = Solver::new(&mesh, &[elasticity(), held(wall)]).unwrap();
+    let mut parameters = solver.rest_parameters();
+    for (b, x) in parameters.actuation.iter_mut().zip(mesh.sample_positions()) {
+        let s = 0.4 * (2.0 * x.z - 1.0);
+        *b = [s, 0.05 * (6.0 * x.x).sin(), 0.0, -0.2 * s, 0.0, -0.5 * s];
+    }
+    let reference = solver.solve(&parameters, None, &common::tight()).unwrap();
+    for method in METHODS {
+        for accuracy in [1e-1, 1e-3, 1e-5] {
+            let options = SolveOptions::new(Stop::Accuracy(accuracy)).with_method(method);
+            let options = options.measuring_error();
+            let solution = solver.solve(&parameters, None, &options).unwrap();
+            let error = max_distance(&solution.positions, &reference.positions);
+            let told = solution.stats.estimated_error.unwrap();
+            assert_eq!(solution.stats.estimate, Estimate::Measured);
+            assert!(error < 1.1 * accuracy, "{method:?} {accuracy}: {error}");
+            assert!(
+                (told / error - 1.0).abs() < 0.3,
+                "{method:?} {accuracy}: {told} {error}"
+            );
         }
     }
 }

@@ -10,6 +10,7 @@ use kuva::render::layout::{Layout, TickFormat};
 use kuva::render::plots::Plot;
 use kuva::render::render::{Scene, render_multiple};
 use std::path::Path;
+use std::sync::Arc;
 
 /// Okabe and Ito's colours, told apart with every common kind of colour vision, those that are faint on white last.
 const COLOURS: [&str; 8] = [
@@ -180,7 +181,10 @@ impl LinePlot {
             .with_x_label(literal(&self.x_label))
             .with_y_label(literal(&self.y_label))
             .with_legend_position(LegendPosition::OutsideRightTop)
-            .with_tick_format(TickFormat::Auto);
+            .with_tick_format(match self.log_x || self.log_y {
+                true => TickFormat::Custom(Arc::new(tick)),
+                false => TickFormat::Auto,
+            });
         for label in &self.labels {
             let text = TextAnnotation::new(literal(&label.text), label.at.0, label.at.1);
             layout = layout.with_annotation(text);
@@ -192,6 +196,15 @@ impl LinePlot {
             layout = layout.with_log_y();
         }
         Ok(render_multiple(plots, layout))
+    }
+}
+
+/// A number at a logarithmic axis: as it is where it is short so.
+fn tick(value: f64) -> String {
+    let size = value.abs();
+    match size == 0.0 || (1e-2..1e5).contains(&size) {
+        true => value.to_string(),
+        false => format!("{value:e}"),
     }
 }
 

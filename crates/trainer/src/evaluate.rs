@@ -117,6 +117,7 @@ impl<'a> Evaluator<'a> {
         let accuracy = self.scene.evaluation_accuracy(self.body.diagonal);
         let options =
             SolveOptions::new(Stop::Accuracy(accuracy)).with_method(self.scene.evaluation.method);
+        let options = options.measuring_error();
         self.simulator.equilibrium(answer, start, &options)
     }
 

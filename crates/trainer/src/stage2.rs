@@ -33,6 +33,16 @@ pub struct Step {
     pub adjoint: AdjointStats,
 }
 
+/// The gradient of one shape's loss.
+pub struct Gradient {
+    /// By the network's parameters.
+    pub parameters: Vec<f32>,
+    /// Where the nodes came to rest.
+    pub nodes: Vec<Vector3<f64>>,
+    /// The work, and the loss.
+    pub step: Step,
+}
+
 /// What came of a step.
 pub enum Outcome {
     /// The parameters moved.
@@ -101,6 +111,39 @@ impl ThroughSimulator<'_> {
             self.shapes.len(),
         );
         let shape = order[(step % count) as usize];
+        let found = match self.gradient(net, shape, &warm[shape], step)? {
+            Ok(found) => found,
+            Err(reason) => return Ok(Outcome::Dropped(reason)),
+        };
+        let lr = draw::decayed(
+            settings.learning_rate,
+            step,
+            steps(settings, self.shapes.len()),
+        );
+        let adam_settings = Adam {
+            lr,
+            ..Adam::default()
+        };
+        if let Err(error) = adam_settings.step(adam, net.parameters_mut(), &found.parameters) {
+            return Ok(Outcome::Dropped(error.to_string()));
+        }
+        warm[shape] = found.nodes;
+        Ok(Outcome::Stepped(Box::new(found.step)))
+    }
+
+    /// The loss of one shape, simulated near `start`, and its gradient by the network's parameters; what is drawn at random depends on the
+    /// number of the step. The inner error says why there is none.
+    ///
+    /// # Errors
+    /// When something does not fit.
+    pub fn gradient(
+        &mut self,
+        net: &impl Actuator,
+        shape: usize,
+        start: &[Vector3<f64>],
+        step: u64,
+    ) -> Result<std::result::Result<Gradient, String>> {
+        let settings = &self.scene.stage2;
         let descriptor = &self.descriptors[shape];
         let points = self.body.actuated();
         let samples = Samples::all(points);
@@ -108,20 +151,19 @@ impl ThroughSimulator<'_> {
         let is_remembered = !(1..points.count()).contains(&settings.points);
         let (answer, traced) = match ask(net, descriptor, &samples, is_remembered) {
             Ok(asked) => asked,
-            Err(error) => return Ok(Outcome::Dropped(error.to_string())),
+            Err(error) => return Ok(Err(error.to_string())),
         };
         let options = SolveOptions::new(Stop::Accuracy(
             self.scene.training_accuracy(self.body.diagonal),
         ));
-        let start = Some(warm[shape].as_slice());
-        let reached = self.simulator.equilibrium(&answer, start, &options)?;
+        let reached = self.simulator.equilibrium(&answer, Some(start), &options)?;
         let solution = &reached.solution;
+        let name = &self.shapes[shape].name;
         if solution.status != Status::Converged {
-            let reason = format!(
-                "{}: the equilibrium is {:?}",
-                self.shapes[shape].name, solution.status
-            );
-            return Ok(Outcome::Dropped(reason));
+            return Ok(Err(format!(
+                "{name}: the equilibrium is {:?}",
+                solution.status
+            )));
         }
         let target = &self.shapes[shape].positions;
         let loss = Loss::new(self.body, target, &self.scene.loss);
@@ -131,8 +173,7 @@ impl ThroughSimulator<'_> {
         let (mut bar, adjoint) = match cotangent {
             Ok(done) => done,
             Err(status) => {
-                let reason = format!("{}: the adjoint is {status:?}", self.shapes[shape].name);
-                return Ok(Outcome::Dropped(reason));
+                return Ok(Err(format!("{name}: the adjoint is {status:?}")));
             }
         };
         let hanging = self.simulator.hanging.as_ref().zip(reached.theta);
@@ -146,7 +187,7 @@ impl ThroughSimulator<'_> {
         let gradient = parameter_gradient(net, traced, descriptor, &bar, few);
         let mut gradient = match gradient {
             Ok(gradient) => gradient,
-            Err(error) => return Ok(Outcome::Dropped(error.to_string())),
+            Err(error) => return Ok(Err(error.to_string())),
         };
         if let Some(blends) = &self.blends {
             let mut generator = draw::generator(self.scene.seed, 5, step);
@@ -154,32 +195,23 @@ impl ThroughSimulator<'_> {
             let (count, gradient) = (BLENDS_PER_STEP, &mut gradient);
             let added = blends.add_superpositions(net, count, &mut generator, weight, gradient);
             if let Err(error) = added {
-                return Ok(Outcome::Dropped(error.to_string()));
+                return Ok(Err(error.to_string()));
             }
-        }
-        let lr = draw::decayed(
-            settings.learning_rate,
-            step,
-            steps(settings, self.shapes.len()),
-        );
-        let adam_settings = Adam {
-            lr,
-            ..Adam::default()
-        };
-        if let Err(error) = adam_settings.step(adam, net.parameters_mut(), &gradient) {
-            return Ok(Outcome::Dropped(error.to_string()));
         }
         let solution = reached.solution;
         let surface = self.body.surface_positions(&solution.positions);
         let (mean_error, _, _) = distances(&surface, target);
-        warm[shape] = solution.positions;
-        Ok(Outcome::Stepped(Box::new(Step {
-            shape,
-            loss: value,
-            mean_error,
-            forward: solution.stats,
-            adjoint,
-        })))
+        Ok(Ok(Gradient {
+            parameters: gradient,
+            nodes: solution.positions,
+            step: Step {
+                shape,
+                loss: value,
+                mean_error,
+                forward: solution.stats,
+                adjoint,
+            },
+        }))
     }
 }
 

@@ -17,7 +17,7 @@ const REMAINS: f64 = 0.3;
 
 /// Solves `H d = gradient` at `u` to a relative residual, so that `u - d` is the minimum of the quadratic model; the gradient and
 /// the direction are the workspace's.
-pub(super) fn newton_direction(
+pub(crate) fn newton_direction(
     problem: &mut Problem,
     pre: &mut dyn Preconditioner,
     space: &mut Workspace,
