@@ -57,10 +57,10 @@ struct TrainingArgs {
     #[arg(long, value_name = "DIR")]
     data: Option<PathBuf>,
     /// Shapes that are trained.
-    #[arg(long, value_name = "N", default_value_t = 6)]
+    #[arg(long, value_name = "N", default_value_t = 6, value_parser = at_least_one)]
     shapes: usize,
     /// Passes over them.
-    #[arg(long, value_name = "N", default_value_t = 10)]
+    #[arg(long, value_name = "N", default_value_t = 10, value_parser = at_least_one)]
     passes: usize,
     /// Where to write (accuracy/NAME-training unless given).
     #[arg(long, value_name = "DIR")]
@@ -80,7 +80,8 @@ struct StudyArgs {
         long,
         value_name = "SECONDS",
         conflicts_with = "target",
-        allow_hyphen_values = true
+        allow_hyphen_values = true,
+        value_parser = positive
     )]
     budget: Option<f64>,
     /// Recommend the fastest settings whose surface is at most so far from the reference, such as "0.5 mm"; a bare number is in the
@@ -95,11 +96,12 @@ struct StudyArgs {
         long,
         value_name = "A,B,...",
         value_delimiter = ',',
-        allow_hyphen_values = true
+        allow_hyphen_values = true,
+        value_parser = positive
     )]
     sizes: Vec<f64>,
     /// Shapes that are simulated.
-    #[arg(long, value_name = "N")]
+    #[arg(long, value_name = "N", value_parser = at_least_one)]
     shapes: Option<usize>,
     /// Only measure the settings of this file, recommended by another study, on this scene.
     #[arg(long, value_name = "recommended.json", conflicts_with_all = ["budget", "target", "sizes"])]
@@ -107,6 +109,20 @@ struct StudyArgs {
     /// Where to write (accuracy/NAME unless given).
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
+}
+
+fn positive(text: &str) -> std::result::Result<f64, String> {
+    let value = text
+        .trim()
+        .parse()
+        .ok()
+        .filter(|x: &f64| x.is_finite() && *x > 0.0);
+    value.ok_or_else(|| "write a number above zero".into())
+}
+
+fn at_least_one(text: &str) -> std::result::Result<usize, String> {
+    let value = text.trim().parse().ok().filter(|n| *n > 0);
+    value.ok_or_else(|| "write a whole number, 1 or more".into())
 }
 
 fn main() -> ExitCode {
@@ -399,7 +415,7 @@ fn run_check(subject: &Subject, plan: &Plan, kept: &[Kept], units: &Units) -> Re
     );
     for kept in kept {
         let choice = &kept.recommendation.choice;
-        let finest = subject.scene.mesh.element_size / units.diagonal * plan.reference_size;
+        let finest = plan.reference_size * subject.scene.mesh.element_size / units.diagonal;
         let by = accuracy::choice::Choice {
             element_size: finest.min(0.6 * choice.element_size),
             samples: 27,
