@@ -69,6 +69,33 @@ pub struct NetworkConfig {
     /// Frequency `omega` of the sine layers, positive (30 unless told).
     #[serde(default = "default_omega")]
     pub omega: f32,
+    /// Grids between which the field also depends on the spacing of the grid that it is for; absent for a field that does not.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub resolution: Option<ResolutionRange>,
+}
+
+/// Spacings of the coarsest and the finest grid that a field is trained for, in its own coordinates.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ResolutionRange {
+    /// Edge of the largest element.
+    pub coarse: f32,
+    /// Edge of the smallest element.
+    pub fine: f32,
+}
+
+impl ResolutionRange {
+    /// Four numbers that say a spacing, the logarithm of which lies at `s` between the coarsest (0) and the finest (1): sine and cosine of
+    /// `pi s` and `2 pi s` (the positional encoding of the supplement, Fig. 11).
+    pub(crate) fn encoded(&self, spacing: f32) -> [f64; 4] {
+        let [coarse, fine, own] = [self.coarse, self.fine, spacing].map(f64::from);
+        let s = std::f64::consts::PI * (coarse / own).ln() / (coarse / fine).ln();
+        [s.sin(), s.cos(), (2.0 * s).sin(), (2.0 * s).cos()]
+    }
+
+    fn is_valid(&self) -> bool {
+        self.coarse.is_finite() && self.fine > 0.0 && self.fine < self.coarse
+    }
 }
 
 fn default_latent() -> usize {
@@ -87,19 +114,36 @@ impl NetworkConfig {
             width,
             latent: default_latent(),
             omega: default_omega(),
+            resolution: None,
         }
     }
 
     /// Checks every field against its documented range.
     ///
     /// # Errors
-    /// [`Error::DescriptorSize`], [`Error::LatentSize`] or [`Error::Omega`].
+    /// [`Error::DescriptorSize`], [`Error::LatentSize`], [`Error::Omega`] or [`Error::Resolution`].
     pub fn validate(&self) -> Result<(), Error> {
         check_code_sizes(self.descriptor, self.latent)?;
         if !(self.omega.is_finite() && self.omega > 0.0) {
             return Err(Error::Omega { found: self.omega });
         }
+        if let Some(range) = self.resolution.filter(|range| !range.is_valid()) {
+            return Err(Error::Resolution {
+                coarse: range.coarse,
+                fine: range.fine,
+            });
+        }
         Ok(())
+    }
+
+    /// Number of parameters before those of the branch that knows the spacing.
+    pub(crate) fn layout_without_resolution(&self) -> usize {
+        let without = Self {
+            resolution: None,
+            ..self.clone()
+        };
+        let last = layout::parameter_layout(&without).pop();
+        last.map_or(0, |tensor| tensor.range.end)
     }
 
     /// Names, shapes and places of all parameters in the flat vector, in order.

@@ -49,6 +49,22 @@ pub enum Error {
         /// The frequency asked for.
         found: f32,
     },
+    /// The spacings of a field that knows its grid are none.
+    #[error(
+        "a field between grids of spacing {coarse} and {fine} cannot be: give two lengths above zero, the larger as `coarse`"
+    )]
+    Resolution {
+        /// The larger.
+        coarse: f32,
+        /// The smaller.
+        fine: f32,
+    },
+    /// The spacing of a grid is no length.
+    #[error("a grid cannot have the spacing {found}: give a finite length above zero")]
+    Spacing {
+        /// The spacing given.
+        found: f32,
+    },
     /// The descriptor has another length than the network's configuration says.
     #[error(
         "the descriptor has {found} basis weights but the network was made for {expected}: use the basis it was trained on"

@@ -13,6 +13,10 @@ pub(crate) const SINE_LAYERS: usize = 4;
 const ENCODER_WIDTH: usize = 64;
 /// Width of the bone network's hidden layers.
 const JOINT_WIDTH: usize = 32;
+/// Numbers that encode the spacing of a grid.
+pub(crate) const RESOLUTION_FEATURES: usize = 4;
+/// Width of the hidden layers of the branch that makes the field depend on the spacing.
+const RESOLUTION_WIDTH: usize = 32;
 /// Scale of the layers that must start close to zero: modulation (a plain SIREN at first), head (`A` close to `I`) and the
 /// bone network's last layer (bones at rest).
 const SMALL: f32 = 0.01;
@@ -22,7 +26,8 @@ const SMALL: f32 = 0.01;
 /// Names, in order (`W` the width, `d` the descriptor's size, `z` the latent size):
 /// `encoder.{0,1,2}.{weight,bias}` (`[64,d]`, `[64,64]`, `[z,64]`), then for each of the four sine layers with `n` inputs
 /// `sine.{0..3}.weight` `[W,n]`, `.bias` `[W]`, `.modulation.weight` `[n,z]`, `.modulation.bias` `[n]`, then
-/// `head.{weight,bias}` (`[6,W]`), then `joint.{0,1,2}.{weight,bias}` (`[32,z]`, `[32,32]`, `[5,32]`).
+/// `head.{weight,bias}` (`[6,W]`), then `joint.{0,1,2}.{weight,bias}` (`[32,z]`, `[32,32]`, `[5,32]`), and, where the field depends on the spacing of the grid,
+/// `resolution.{0,1,2}.{weight,bias}` (`[32,4]`, `[32,32]`, `[z,32]`).
 /// Those of an [`crate::ExplicitDecoder`] of `e` elements: `encoder` as above, `decoder.{0,1}.{weight,bias}` (`[W,z]`, `[W,W]`),
 /// `joint` as above, and `head.{weight,bias}` (`[6e,W]`).
 /// Matrices are row-major, `[outputs, inputs]`.
@@ -63,6 +68,10 @@ pub(crate) fn parameter_layout(config: &NetworkConfig) -> Vec<ParameterTensor> {
     }
     list.head(ACTUATION_SIZE, width);
     list.joint(latent);
+    // Last, so that the parameters before are those of the same network without it.
+    if config.resolution.is_some() {
+        list.resolution(latent);
+    }
     list.tensors
 }
 
@@ -138,6 +147,17 @@ impl List {
     fn joint(&mut self, latent: usize) {
         let sizes = [latent, JOINT_WIDTH, JOINT_WIDTH, JOINT_SIZE];
         self.dense_stack("joint", sizes, SMALL);
+    }
+
+    /// The last layer starts at zero: the field is then that without the branch.
+    fn resolution(&mut self, latent: usize) {
+        let sizes = [
+            RESOLUTION_FEATURES,
+            RESOLUTION_WIDTH,
+            RESOLUTION_WIDTH,
+            latent,
+        ];
+        self.dense_stack("resolution", sizes, 0.0);
     }
 
     /// The layer that gives actuations.

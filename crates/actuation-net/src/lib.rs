@@ -43,7 +43,7 @@ mod tensor_file;
 mod weights;
 
 pub use adam::{Adam, AdamState};
-pub use config::{NetworkConfig, Width};
+pub use config::{NetworkConfig, ResolutionRange, Width};
 pub use decoder::{DecoderConfig, ExplicitDecoder, TracedDecoder};
 pub use error::Error;
 pub use kernel::instruction_set;

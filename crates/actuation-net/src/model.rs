@@ -32,6 +32,8 @@ pub(crate) struct Model<E: Dtype> {
     sine: [SineLayer<E>; SINE_LAYERS],
     head: Affine<E>,
     joint: [Affine<E>; 3],
+    /// What the spacing of a grid adds to the code of the field, and the encoded spacing.
+    resolution: Option<([Affine<E>; 3], Vector<E>)>,
     leaves: Leaves<E>,
 }
 
@@ -54,20 +56,35 @@ impl<E: Dtype> Model<E>
 where
     Cpu: Device<E>,
 {
-    /// `parameters` must follow `layout`.
-    pub fn new(config: &NetworkConfig, layout: &[ParameterTensor], parameters: &[E]) -> Self {
+    /// `parameters` must follow `layout`. Where the field depends on the spacing of the grid, it is that for `spacing`, or for the coarsest
+    /// grid.
+    pub fn new(
+        config: &NetworkConfig,
+        layout: &[ParameterTensor],
+        parameters: &[E],
+        spacing: Option<f32>,
+    ) -> Self {
         let mut reader = Reader::new(layout, parameters);
         let encoder = std::array::from_fn(|_| reader.affine());
         let sine = std::array::from_fn(|_| SineLayer {
             affine: reader.affine(),
             modulation: reader.affine(),
         });
+        let head = reader.affine();
+        let joint = std::array::from_fn(|_| reader.affine());
+        let resolution = config.resolution.map(|range| {
+            let features = range.encoded(spacing.unwrap_or(range.coarse));
+            let features = features.map(|x| E::from_f64(x).expect("every float takes a sine"));
+            let features = Cpu::default().tensor_from_vec(features.to_vec(), (features.len(),));
+            (std::array::from_fn(|_| reader.affine()), features)
+        });
         Self {
             omega: E::from_f32(config.omega).expect("every float takes a frequency"),
             encoder,
             sine,
-            head: reader.affine(),
-            joint: std::array::from_fn(|_| reader.affine()),
+            head,
+            joint,
+            resolution,
             leaves: reader.into_leaves(),
         }
     }
@@ -87,11 +104,18 @@ where
         latent: Vector<E>,
         mut tape: T,
     ) -> Result<Conditioned<E, T>, CpuError> {
+        // The jaw does not know of grids: what the spacing adds is for the field alone.
+        let mut code = latent.clone();
+        if let Some((layers, features)) = &self.resolution {
+            let offset;
+            (offset, tape) = dense_stack(layers, features.clone().put_tape(tape))?.split_tape();
+            (code, tape) = latent.clone().put_tape(tape).try_add(offset)?.split_tape();
+        }
         let mut sine = Vec::with_capacity(SINE_LAYERS);
         for layer in &self.sine {
             let weight;
             (weight, tape) = layer
-                .modulated_weight(self.omega, latent.clone().put_tape(tape))?
+                .modulated_weight(self.omega, code.clone().put_tape(tape))?
                 .split_tape();
             let bias = layer.affine.bias.clone();
             sine.push(Affine { weight, bias });

@@ -8,7 +8,7 @@ use dfdx::prelude::{
 use crate::field::FieldWeights;
 use crate::layout::{initial_parameters, parameter_layout};
 use crate::model::{Conditioned, Leaves, Model};
-use crate::{ACTUATION_SIZE, Error, JOINT_SIZE, NetworkConfig, ParameterTensor};
+use crate::{ACTUATION_SIZE, Error, JOINT_SIZE, NetworkConfig, ParameterTensor, ResolutionRange};
 
 /// Why a dfdx error cannot happen here: shapes come from the layout, and a CPU device fails only when memory runs out.
 pub(crate) const OUT_OF_MEMORY: &str = "out of memory in the network evaluation";
@@ -116,19 +116,51 @@ impl ActuationNet {
     /// [`Error::DescriptorLength`] and [`Error::NonFiniteDescriptor`].
     pub fn latent(&self, descriptor: &[f32]) -> Result<Vec<f32>, Error> {
         check_descriptor(self.config.descriptor, descriptor)?;
-        let (conditioned, _) = self.condition::<NoneTape>(descriptor);
+        let (conditioned, _) = self.condition::<NoneTape>(descriptor, None);
         Ok(conditioned.latent.as_vec())
     }
 
-    /// Actuation and joint of the shape `descriptor` at `points`: `[n, 3]` row-major, normalised to `[-1, 1]`.
+    /// The same network with a field that also depends on the spacing of the grid, which at first makes no difference.
+    ///
+    /// # Errors
+    /// [`Error::Resolution`] when the range is none.
+    pub fn with_resolution(&self, range: ResolutionRange, seed: u64) -> Result<Self, Error> {
+        let config = NetworkConfig {
+            resolution: Some(range),
+            ..self.config.clone()
+        };
+        let mut net = Self::new(&config, seed)?;
+        // Those of a branch that is there already begin anew.
+        let kept = self.config.layout_without_resolution();
+        net.parameters[..kept].copy_from_slice(&self.parameters[..kept]);
+        Ok(net)
+    }
+
+    /// Actuation and joint of the shape `descriptor` at `points`: `[n, 3]` row-major, normalised to `[-1, 1]`. A field that depends on the
+    /// spacing of the grid is that for the coarsest.
     ///
     /// # Errors
     /// [`Error::DescriptorLength`], [`Error::NonFiniteDescriptor`], [`Error::PointsLength`], [`Error::NonFinitePoint`], and
     /// [`Error::NonFiniteOutput`] if the weights are so large that the output overflows.
     pub fn evaluate(&self, descriptor: &[f32], points: &[f32]) -> Result<Output, Error> {
+        self.evaluate_at(descriptor, points, None)
+    }
+
+    /// [`ActuationNet::evaluate`] for a grid of elements with edge `spacing`, in the coordinates of the points. Without a field that depends on
+    /// it, it does not matter.
+    ///
+    /// # Errors
+    /// Those of [`ActuationNet::evaluate`], and [`Error::Spacing`].
+    pub fn evaluate_at(
+        &self,
+        descriptor: &[f32],
+        points: &[f32],
+        spacing: Option<f32>,
+    ) -> Result<Output, Error> {
         check_descriptor(self.config.descriptor, descriptor)?;
         check_points(points)?;
-        let (conditioned, _) = self.condition::<NoneTape>(descriptor);
+        check_spacing(spacing)?;
+        let (conditioned, _) = self.condition::<NoneTape>(descriptor, spacing);
         output(&FieldWeights::new(&conditioned.field), &conditioned, points)
     }
 
@@ -139,9 +171,23 @@ impl ActuationNet {
     /// # Errors
     /// Those of [`ActuationNet::evaluate`].
     pub fn trace<'p>(&self, descriptor: &[f32], points: &'p [f32]) -> Result<Traced<'p>, Error> {
+        self.trace_at(descriptor, points, None)
+    }
+
+    /// [`ActuationNet::evaluate_at`] that remembers what the reverse pass needs.
+    ///
+    /// # Errors
+    /// Those of [`ActuationNet::evaluate_at`].
+    pub fn trace_at<'p>(
+        &self,
+        descriptor: &[f32],
+        points: &'p [f32],
+        spacing: Option<f32>,
+    ) -> Result<Traced<'p>, Error> {
         check_descriptor(self.config.descriptor, descriptor)?;
         check_points(points)?;
-        let (conditioned, leaves) = self.condition::<OwnedTape<f32, Cpu>>(descriptor);
+        check_spacing(spacing)?;
+        let (conditioned, leaves) = self.condition::<OwnedTape<f32, Cpu>>(descriptor, spacing);
         let weights = FieldWeights::new(&conditioned.field);
         Ok(Traced {
             output: output(&weights, &conditioned, points)?,
@@ -207,8 +253,9 @@ impl ActuationNet {
     fn condition<T: Tape<f32, Cpu>>(
         &self,
         descriptor: &[f32],
+        spacing: Option<f32>,
     ) -> (Conditioned<f32, T>, Leaves<f32>) {
-        let model = Model::new(&self.config, &self.layout, &self.parameters);
+        let model = Model::new(&self.config, &self.layout, &self.parameters, spacing);
         let descriptor = Cpu::default().tensor_from_vec(descriptor.to_vec(), (descriptor.len(),));
         let conditioned = model
             .condition(descriptor.put_tape(T::default()))
@@ -217,7 +264,7 @@ impl ActuationNet {
     }
 
     fn decode<T: Tape<f32, Cpu>>(&self, latent: &[f32], tape: T) -> Conditioned<f32, T> {
-        let model = Model::new(&self.config, &self.layout, &self.parameters);
+        let model = Model::new(&self.config, &self.layout, &self.parameters, None);
         let latent = Cpu::default().tensor_from_vec(latent.to_vec(), (latent.len(),));
         model.decode(latent, tape).expect(OUT_OF_MEMORY)
     }
@@ -405,6 +452,14 @@ pub(crate) fn check_latent<E: num_traits::Float>(
     match first_non_finite(latent) {
         None => Ok(()),
         Some((index, value)) => Err(Error::NonFiniteLatent { index, value }),
+    }
+}
+
+/// A length above zero.
+fn check_spacing(spacing: Option<f32>) -> Result<(), Error> {
+    match spacing.filter(|h| !(h.is_finite() && *h > 0.0)) {
+        None => Ok(()),
+        Some(found) => Err(Error::Spacing { found }),
     }
 }
 

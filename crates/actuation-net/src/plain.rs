@@ -30,6 +30,7 @@ pub struct PlainNet<E> {
     config: NetworkConfig,
     layout: Vec<ParameterTensor>,
     parameters: Vec<E>,
+    spacing: Option<f32>,
 }
 
 impl<E: Real> PlainNet<E>
@@ -43,7 +44,13 @@ where
             config: net.config().clone(),
             layout: net.parameter_layout().to_vec(),
             parameters: net.parameters().into_iter().map(convert).collect(),
+            spacing: None,
         }
+    }
+
+    /// Evaluates for a grid of this spacing from now on: the counterpart of [`ActuationNet::evaluate_at`].
+    pub fn set_spacing(&mut self, spacing: Option<f32>) {
+        self.spacing = spacing;
     }
 
     /// All parameters, flat, in the order of [`NetworkConfig::parameter_layout`].
@@ -69,7 +76,7 @@ where
         check_descriptor(self.config.descriptor, descriptor)?;
         check_points(points)?;
         let device = Cpu::default();
-        let model = Model::new(&self.config, &self.layout, &self.parameters);
+        let model = Model::new(&self.config, &self.layout, &self.parameters, self.spacing);
         let descriptor = device.tensor_from_vec(descriptor.to_vec(), (descriptor.len(),));
         let points = device.tensor_from_vec(points.to_vec(), (points.len() / 3, 3));
         let conditioned = model
@@ -86,7 +93,7 @@ where
         check_latent(&self.config, latent)?;
         check_points(points)?;
         let device = Cpu::default();
-        let model = Model::new(&self.config, &self.layout, &self.parameters);
+        let model = Model::new(&self.config, &self.layout, &self.parameters, self.spacing);
         let latent = device.tensor_from_vec(latent.to_vec(), (latent.len(),));
         let points = device.tensor_from_vec(points.to_vec(), (points.len() / 3, 3));
         let conditioned = model.decode(latent, NoneTape).expect(OUT_OF_MEMORY);
@@ -109,7 +116,7 @@ where
         check_descriptor(self.config.descriptor, descriptor)?;
         check_points(points)?;
         let device = Cpu::default();
-        let model = Model::new(&self.config, &self.layout, &self.parameters);
+        let model = Model::new(&self.config, &self.layout, &self.parameters, self.spacing);
         let descriptor = device.tensor_from_vec(descriptor.to_vec(), (descriptor.len(),));
         let shape = (points.len() / 3, 3);
         let points = device.tensor_from_vec(points.to_vec(), shape);

@@ -6,7 +6,8 @@ use serde::Serialize;
 use serde::de::DeserializeOwned;
 
 use crate::{
-    ActuationNet, AdamState, Error, ExplicitDecoder, NetworkConfig, ParameterTensor, TensorFile,
+    ActuationNet, AdamState, Error, ExplicitDecoder, NetworkConfig, ParameterTensor,
+    ResolutionRange, TensorFile,
 };
 
 /// Metadata key, behind the prefix, of a network's configuration in JSON.
@@ -68,15 +69,28 @@ impl ActuationNet {
     ) -> Result<Self, Error> {
         config.validate()?;
         let parameters = stored_parameters(file, prefix, &config.parameter_layout())?;
-        // Equal shapes leave only the frequency to differ.
-        let found = stored_config::<NetworkConfig>(file, prefix)?.omega;
-        if found != config.omega {
-            return Err(Error::ConfigMismatch {
-                path: file.path().to_path_buf(),
-                field: "omega",
-                found: f64::from(found),
-                expected: f64::from(config.omega),
+        // Equal shapes leave only these to differ.
+        let found = stored_config::<NetworkConfig>(file, prefix)?;
+        let numbers = |config: &NetworkConfig| {
+            let range = config.resolution.unwrap_or(ResolutionRange {
+                coarse: 0.0,
+                fine: 0.0,
             });
+            [
+                ("omega", config.omega),
+                ("resolution.coarse", range.coarse),
+                ("resolution.fine", range.fine),
+            ]
+        };
+        for ((field, found), (_, expected)) in numbers(&found).into_iter().zip(numbers(config)) {
+            if found != expected {
+                return Err(Error::ConfigMismatch {
+                    path: file.path().to_path_buf(),
+                    field,
+                    found: f64::from(found),
+                    expected: f64::from(expected),
+                });
+            }
         }
         Self::from_parameters(config, parameters)
     }

@@ -2,7 +2,7 @@
 
 mod common;
 
-use actuation_net::{Error, OutputCotangent, PlainNet, Width};
+use actuation_net::{ActuationNet, Error, OutputCotangent, PlainNet, ResolutionRange, Width};
 use common::{cotangent, lively_net, relative_error, scatter, wide};
 
 const DESCRIPTOR: usize = 7;
@@ -38,11 +38,108 @@ impl Problem {
 
 #[test]
 fn every_parameter_tensor_has_the_right_gradient() {
+    check_gradient(&lively_net(Width::W64, DESCRIPTOR), None);
+}
+
+const RANGE: ResolutionRange = ResolutionRange {
+    coarse: 0.1,
+    fine: 0.04,
+};
+
+/// A network that knows the spacing, with a branch that matters.
+fn resolved() -> ActuationNet {
     let net = lively_net(Width::W64, DESCRIPTOR);
+    let mut net = net.with_resolution(RANGE, 5).unwrap();
+    let last = net.parameter_layout().iter().rev().take(2);
+    let range = last.map(|t| t.range.start).min().unwrap()..net.parameter_count();
+    let values = scatter(range.len(), 6);
+    net.parameters_mut()[range].copy_from_slice(&values);
+    net
+}
+
+#[test]
+fn the_branch_that_knows_the_spacing_has_the_right_gradient() {
+    check_gradient(&resolved(), Some(0.07));
+}
+
+/// The fused path knows the spacing as the plain one does, and so does its reverse.
+#[test]
+fn fused_and_plain_agree_on_every_grid() {
+    let net = resolved();
+    let (descriptor, points) = (scatter(DESCRIPTOR, 2), scatter(3 * POINTS, 3));
+    let bar = cotangent(POINTS);
+    let mut plain = PlainNet::<f64>::from_net(&net);
+    let wide_bar = OutputCotangent {
+        actuation: wide(&bar.actuation),
+        joint: bar.joint.map(f64::from),
+    };
+    let mut seen = Vec::new();
+    for spacing in [None, Some(0.1), Some(0.05), Some(0.04)] {
+        plain.set_spacing(spacing);
+        let (own, gradient) = plain
+            .evaluate_vjp(&wide(&descriptor), &wide(&points), |_| wide_bar.clone())
+            .unwrap();
+        let traced = net.trace_at(&descriptor, &points, spacing).unwrap();
+        let output = net.evaluate_at(&descriptor, &points, spacing).unwrap();
+        assert_eq!(*traced.output(), output);
+        assert!(relative_error(&output.actuation, &own.actuation) < 2e-5);
+        let found = traced.backward(&bar.actuation, &bar.joint);
+        assert!(relative_error(&found, &gradient) < 2e-5);
+        seen.push(output);
+    }
+    // No spacing is the coarsest; another grid has another field, and the same jaw.
+    assert_eq!(seen[0], seen[1]);
+    assert_ne!(seen[1].actuation, seen[2].actuation);
+    assert_ne!(seen[2].actuation, seen[3].actuation);
+    assert!(seen.iter().all(|output| output.joint == seen[0].joint));
+}
+
+#[test]
+fn a_new_branch_makes_no_difference_and_keeps_the_parameters() {
+    let net = lively_net(Width::W64, DESCRIPTOR);
+    let with = net.with_resolution(RANGE, 5).unwrap();
+    let (descriptor, points) = (scatter(DESCRIPTOR, 2), scatter(3 * POINTS, 3));
+    let own = net.evaluate(&descriptor, &points).unwrap();
+    for spacing in [0.1, 0.06, 0.04] {
+        let found = with.evaluate_at(&descriptor, &points, Some(spacing));
+        assert_eq!(found.unwrap(), own);
+        let without = net.evaluate_at(&descriptor, &points, Some(spacing));
+        assert_eq!(without.unwrap(), own);
+    }
+    assert_eq!(with.parameters()[..net.parameter_count()], net.parameters());
+    // What a branch has learnt does not stay in a new one.
+    assert_eq!(resolved().with_resolution(RANGE, 5).unwrap(), with);
+}
+
+#[test]
+fn spacings_that_are_none_are_refused() {
+    let net = lively_net(Width::W64, DESCRIPTOR);
+    let (descriptor, points) = (scatter(DESCRIPTOR, 2), scatter(3 * POINTS, 3));
+    for spacing in [0.0, -1.0, f32::NAN, f32::INFINITY] {
+        let error = net.evaluate_at(&descriptor, &points, Some(spacing));
+        assert!(matches!(error, Err(Error::Spacing { .. })));
+    }
+    let (infinite, nan) = (f32::INFINITY, f32::NAN);
+    for (coarse, fine) in [
+        (0.1, 0.1),
+        (0.1, 0.2),
+        (0.1, 0.0),
+        (nan, 0.1),
+        (infinite, 0.1),
+    ] {
+        let error = net.with_resolution(ResolutionRange { coarse, fine }, 1);
+        assert!(
+            matches!(error, Err(Error::Resolution { .. })),
+            "{coarse} {fine}"
+        );
+    }
+}
+
+fn check_gradient(net: &ActuationNet, spacing: Option<f32>) {
     let layout = net.parameter_layout().to_vec();
     let single = cotangent(POINTS);
     let mut problem = Problem {
-        net: PlainNet::from_net(&net),
+        net: PlainNet::from_net(net),
         descriptor: wide(&scatter(DESCRIPTOR, 2)),
         points: wide(&scatter(3 * POINTS, 3)),
         bar: OutputCotangent {
@@ -50,6 +147,7 @@ fn every_parameter_tensor_has_the_right_gradient() {
             joint: single.joint.map(f64::from),
         },
     };
+    problem.net.set_spacing(spacing);
     let parameters = problem.net.parameters().to_vec();
     let bar = problem.bar.clone();
     let (_, gradient) = problem

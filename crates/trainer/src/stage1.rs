@@ -471,6 +471,7 @@ mod tests {
             width: Width::W64,
             latent: 4,
             omega: 30.0,
+            resolution: None,
         };
         assert_eq!(steps(&settings, 3), 300);
         let start = ActuationNet::new(&config, 1).unwrap();

@@ -43,6 +43,7 @@ pub fn network_config(scene: &Scene, shapes: &Shapes) -> NetworkConfig {
         width: scene.network.width,
         latent: scene.network.latent,
         omega: scene.network.omega,
+        resolution: None,
     }
 }
 
