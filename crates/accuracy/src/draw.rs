@@ -5,10 +5,15 @@ use crate::estimates::{BOUNDS, Estimates};
 use crate::manufactured::Convergence;
 use crate::recommend::front;
 use crate::study::{Question, Row};
+use crate::subject::Subject;
 use crate::table::Units;
 use crate::training::Course;
-use report::{LinePlot, PlotLabel, Series, SeriesStyle};
+use crate::transfer::{Errors, TestGrid, Transfer};
+use report::{
+    Camera, ColourScale, Colours, ContactSheet, LinePlot, Panel, PlotLabel, Series, SeriesStyle,
+};
 use std::path::Path;
+use trainer::loss::distances;
 
 /// Error against seconds: every choice a dot, one colour for each number of samples, and a line through those that nothing beats.
 pub fn pareto(rows: &[Row], units: &Units) -> LinePlot {
@@ -130,6 +135,93 @@ pub fn courses(courses: &[Course], kind: &str, title: &str) -> LinePlot {
         markers: true,
         ..LinePlot::default()
     }
+}
+
+/// Mean error on grids that were not trained on.
+pub fn resolutions(transfer: &Transfer, units: &Units) -> LinePlot {
+    type Kind = fn(&TestGrid) -> Option<Errors>;
+    let kinds: [(&str, Kind, SeriesStyle); 4] = [
+        (
+            "knows the spacing",
+            |t| Some(t.conditioned),
+            SeriesStyle::Line,
+        ),
+        (
+            "network of the finest grid",
+            |t| Some(t.evaluated),
+            SeriesStyle::Line,
+        ),
+        ("interpolated", |t| Some(t.interpolated), SeriesStyle::Line),
+        ("trained for it alone", |t| t.alone, SeriesStyle::Dots),
+    ];
+    let series = kinds.map(|(name, of, style)| {
+        let own = transfer
+            .tests
+            .iter()
+            .filter_map(|t| Some((t.samples as f64, of(t)?.mean)));
+        let points = own.map(|(n, e)| (n, e * units.diagonal)).collect();
+        Series::new(name, points).with_style(style)
+    });
+    LinePlot {
+        title: "One network on grids that it was not trained on".into(),
+        x_label: "samples".into(),
+        y_label: format!("mean error ({})", units.name),
+        series: series
+            .into_iter()
+            .filter(|s| !s.points.is_empty())
+            .collect(),
+        log_x: true,
+        log_y: true,
+        markers: true,
+        ..LinePlot::default()
+    }
+}
+
+/// A row of pictures for each direction, coloured by the error: the grid trained on, and the ways to actuate the other.
+///
+/// # Errors
+/// When the pictures cannot be drawn.
+pub fn transfer_sheet(transfer: &Transfer, subject: &Subject, units: &Units) -> Result<Vec<u8>> {
+    let shapes = subject.shapes()?;
+    let shown = shapes.len() - 1;
+    let (shape, _) = &shapes[shown];
+    let body = subject.body(&subject.scene)?;
+    let all = { transfer.directions.iter() }.flat_map(|d| &d.ways);
+    let errors: Vec<Vec<f64>> = { all.clone() }
+        .map(|way| distances(&way.surfaces[shown], &shape.positions).2)
+        .collect();
+    let scale = ColourScale::holding(errors.iter().flatten().copied(), units.name.as_str())?;
+    let colours: Vec<_> = errors.iter().map(|e| scale.colours(e)).collect();
+    let (direction, up) = trainer::sheets::view(&body);
+    let points = all.clone().flat_map(|way| &way.surfaces[shown]);
+    let camera = Camera::framing(points, direction, up)?;
+    let columns = transfer.directions[0].ways.len();
+    let notes: Vec<(String, String)> = { transfer.directions.iter() }
+        .flat_map(|d| d.ways.iter().enumerate().map(move |(i, way)| (d, i, way)))
+        .map(|(d, i, way)| {
+            let samples = if i == 0 { d.from } else { d.to };
+            let mean = way.errors.mean * units.diagonal;
+            let note = format!("{samples}: {mean:.1e}, {:.1} deg", way.errors.normals);
+            (way.name.to_string(), note)
+        })
+        .collect();
+    let title = format!(
+        "{}: {} on another grid than that of training",
+        subject.scene.name, shape.name
+    );
+    let mut sheet = ContactSheet::new(title, camera)
+        .columns(columns)
+        .scale(scale);
+    for ((way, colours), (name, note)) in all.zip(&colours).zip(&notes) {
+        sheet = sheet.panel(Panel {
+            name,
+            note,
+            vertices: &way.surfaces[shown],
+            triangles: body.surface.triangles(),
+            colours: Colours::PerVertex(colours),
+        });
+    }
+    Ok(sheet.render()?.to_png()?)
 }
 
 /// Estimated against true errors, with the bounds between which they should lie.

@@ -41,6 +41,12 @@ pub enum AccuracyError {
         /// What is wrong, and the mend.
         problem: String,
     },
+    /// Steps of a training failed again and again.
+    #[error("training through the simulator fails again and again, last by {reason}")]
+    Training {
+        /// The last reason.
+        reason: String,
+    },
     /// The target cannot be met by any setting that was tried.
     #[error(
         "no setting that was tried comes within {target:.3e} of the reference; the nearest is {nearest:.3e} away: ask for less, or add smaller elements with --sizes"

@@ -10,5 +10,6 @@ pub mod study;
 pub mod subject;
 pub mod table;
 pub mod training;
+pub mod transfer;
 
 pub use error::{AccuracyError, Result};

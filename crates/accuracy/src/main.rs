@@ -8,9 +8,10 @@ use accuracy::recommend::{Recommendation, Wish, recommend, snippet};
 use accuracy::study::{Plan, Question, Row, Study, words};
 use accuracy::subject::Subject;
 use accuracy::table::{
-    Units, convergence_table, courses_table, estimates_table, study_table, value,
+    Units, convergence_table, courses_table, estimates_table, study_table, transfer_table, value,
 };
 use accuracy::training::{Course, courses};
+use accuracy::transfer::{TransferPlan, transfer};
 use accuracy::{AccuracyError, Result};
 use actuation_net::Width;
 use clap::{Args, Parser, Subcommand};
@@ -46,6 +47,8 @@ enum Command {
     },
     /// Train with equilibria, adjoints and points loosened by factors of ten: loss against seconds, and how wrong gradients become.
     Training(TrainingArgs),
+    /// One network on every grid: a field on grids that it was not trained on, with and without a branch that knows the spacing.
+    Transfer(TrainingArgs),
 }
 
 #[derive(Args)]
@@ -59,10 +62,10 @@ struct TrainingArgs {
     /// Shapes that are trained.
     #[arg(long, value_name = "N", default_value_t = 6, value_parser = at_least_one)]
     shapes: usize,
-    /// Passes over them.
-    #[arg(long, value_name = "N", default_value_t = 10, value_parser = at_least_one)]
-    passes: usize,
-    /// Where to write (accuracy/NAME-training unless given).
+    /// Passes over them (10, of a transfer 12 on one grid and 30 on twenty, unless given).
+    #[arg(long, value_name = "N", value_parser = at_least_one)]
+    passes: Option<usize>,
+    /// Where to write (accuracy/NAME-training or -transfer unless given).
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
 }
@@ -131,6 +134,7 @@ fn main() -> ExitCode {
     let done = match cli.command {
         Some(Command::Estimates { out }) => run_estimates(&out),
         Some(Command::Training(args)) => run_training(&args),
+        Some(Command::Transfer(args)) => run_transfer(&args),
         None => run_study(&cli.study),
     };
     match done {
@@ -161,26 +165,47 @@ fn write_estimates(found: &Estimates, folder: &Path) -> Result<()> {
     draw::write(&draw::scatter(found), folder, "estimates")
 }
 
-fn run_training(args: &TrainingArgs) -> Result<()> {
+/// Folder, body and units of a study that trains.
+fn subject_of(args: &TrainingArgs, kind: &str) -> Result<(PathBuf, Subject, Units)> {
     let name = stem(&args.subject);
     let out = args.out.clone();
-    let folder = out.unwrap_or_else(|| Path::new("accuracy").join(format!("{name}-training")));
+    let folder = out.unwrap_or_else(|| Path::new("accuracy").join(format!("{name}-{kind}")));
     let folder = create_folder(&folder)?;
-    let subject = open(
-        &args.subject,
-        args.data.as_deref(),
-        &[Width::W64],
-        args.shapes,
-        &folder,
-    )?;
+    let data = args.data.as_deref();
+    let subject = open(&args.subject, data, &[Width::W64], args.shapes, &folder)?;
     let units = Units {
         name: subject.scene.unit.clone(),
         diagonal: subject.diagonal,
     };
+    Ok((folder, subject, units))
+}
+
+fn run_transfer(args: &TrainingArgs) -> Result<()> {
+    let (folder, subject, units) = subject_of(args, "transfer")?;
+    let mut plan = TransferPlan::quick();
+    if let Some(passes) = args.passes {
+        plan.passes = passes;
+        plan.conditioned_passes = passes;
+    }
+    let found = transfer(&subject, plan, |what| {
+        eprintln!("{:>12} {what}", "transfer")
+    })?;
+    let text = transfer_table(&found, &units);
+    write_json(&folder.join("transfer.json"), &found)?;
+    write_whole(&folder.join("transfer.md"), text.as_bytes())?;
+    draw::write(&draw::resolutions(&found, &units), &folder, "resolutions")?;
+    let sheet = draw::transfer_sheet(&found, &subject, &units)?;
+    write_whole(&folder.join("transfer.png"), &sheet)?;
+    println!("{text}\nwritten to {}", folder.display());
+    Ok(())
+}
+
+fn run_training(args: &TrainingArgs) -> Result<()> {
+    let (folder, subject, units) = subject_of(args, "training")?;
     let told = |course: &Course| {
         eprintln!("{:>12} {}", "trained", course.tightness.name);
     };
-    let found = courses(&subject, args.passes, told)?;
+    let found = courses(&subject, args.passes.unwrap_or(10), told)?;
     let text = courses_table(&found, &units);
     write_json(&folder.join("training.json"), &found)?;
     write_whole(&folder.join("training.md"), text.as_bytes())?;

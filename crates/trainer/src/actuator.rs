@@ -14,6 +14,8 @@ pub struct Points {
     pub coordinates: Vec<f32>,
     /// Points of an element.
     pub per_element: usize,
+    /// Edge of an element, in the same coordinates.
+    pub spacing: f32,
 }
 
 impl Points {
@@ -29,6 +31,7 @@ pub struct Samples<'a> {
     /// Which of the points; all where not given.
     chosen: Option<Vec<usize>>,
     per_element: usize,
+    spacing: f32,
 }
 
 impl<'a> Samples<'a> {
@@ -38,6 +41,7 @@ impl<'a> Samples<'a> {
             coordinates: Cow::Borrowed(&points.coordinates),
             chosen: None,
             per_element: points.per_element,
+            spacing: points.spacing,
         }
     }
 
@@ -50,6 +54,7 @@ impl<'a> Samples<'a> {
             coordinates: Cow::Owned(gather(&points.coordinates, &chosen, 3)),
             chosen: Some(chosen),
             per_element: points.per_element,
+            spacing: points.spacing,
         }
     }
 
@@ -115,11 +120,11 @@ impl Actuator for ActuationNet {
     }
 
     fn evaluate(&self, descriptor: &[f32], samples: &Samples) -> Result<Output, Error> {
-        self.evaluate(descriptor, &samples.coordinates)
+        self.evaluate_at(descriptor, &samples.coordinates, Some(samples.spacing))
     }
 
     fn trace<'a>(&'a self, descriptor: &[f32], samples: &'a Samples) -> Result<Traced<'a>, Error> {
-        self.trace(descriptor, &samples.coordinates)
+        self.trace_at(descriptor, &samples.coordinates, Some(samples.spacing))
     }
 }
 
@@ -217,6 +222,7 @@ mod tests {
         let points = Points {
             coordinates: vec![0.0; 3 * 6],
             per_element: 2,
+            spacing: 0.1,
         };
         let of_elements = decoder.evaluate(&code).unwrap();
         let element = |e: usize| &of_elements.actuation[6 * e..6 * e + 6];

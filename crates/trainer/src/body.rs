@@ -149,9 +149,9 @@ impl Body {
         let areas = surface.vertex_areas();
         let total: f64 = areas.iter().sum();
         Ok(Self {
-            samples: points(&surface, &mesh.sample_positions(), mesh.quadrature().len()),
+            samples: points(&surface, &mesh, &mesh.sample_positions()),
             middles: (settings.actuation == ActuationPer::Element)
-                .then(|| points(&surface, &middles(&mesh), 1)),
+                .then(|| points(&surface, &mesh, &middles(&mesh))),
             diagonal: surface.diagonal(),
             vertex_weights: areas.iter().map(|a| a / total).collect(),
             fixed_nodes,
@@ -223,7 +223,7 @@ impl Body {
 
 /// Maps points so that the surface's bounding box is centred at 0 and its longest side spans [-1, 1]: the network sees the same
 /// body whatever its unit, and the same point whatever the grid.
-fn points(surface: &Surface, points: &[Vector3<f64>], per_element: usize) -> Points {
+fn points(surface: &Surface, mesh: &HexMesh, points: &[Vector3<f64>]) -> Points {
     let (min, max) = surface.bounding_box();
     let centre = (min + max) / 2.0;
     let scale = 2.0 / (max - min).max();
@@ -232,7 +232,8 @@ fn points(surface: &Surface, points: &[Vector3<f64>], per_element: usize) -> Poi
         coordinates: normalised
             .flat_map(|p| [p.x as f32, p.y as f32, p.z as f32])
             .collect(),
-        per_element,
+        per_element: points.len() / mesh.elements().len(),
+        spacing: (mesh.element_size() * scale) as f32,
     }
 }
 

@@ -36,7 +36,7 @@ pub mod rig;
 pub mod run;
 pub mod scene;
 pub mod shapes;
-mod sheets;
+pub mod sheets;
 pub mod simulator;
 pub mod solve;
 pub mod stage1;

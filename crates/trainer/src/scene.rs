@@ -285,7 +285,7 @@ impl Default for Stage2 {
             learning_rate: 1e-4,
             accuracy: 1e-4,
             points: 0,
-            adjoint_tolerance: 1e-3,
+            adjoint_tolerance: 1e-2,
             blend_weight: 0.0,
         }
     }

@@ -103,7 +103,7 @@ fn note(result: &ShapeResult) -> String {
 }
 
 /// Flat bodies are seen from above at a slant, all others from the front.
-pub(crate) fn view(body: &Body) -> (Vector3<f64>, Vector3<f64>) {
+pub fn view(body: &Body) -> (Vector3<f64>, Vector3<f64>) {
     let (min, max) = body.surface.bounding_box();
     let size = max - min;
     if size.y < 0.5 * size.x.min(size.z) {

@@ -12,8 +12,6 @@ mod slabs;
 mod tensor;
 #[cfg(test)]
 mod tests;
-#[cfg(test)]
-mod timing;
 
 use super::{CoarseView, Effect};
 use crate::constant::ConstantMatrix;
