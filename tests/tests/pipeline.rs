@@ -74,7 +74,12 @@ impl Pipeline {
         assert!(hanging.len() > 8 && hanging.len() < rest.len());
         let net = lively_net();
         let mut pipeline = Self {
-            points: body.samples.coordinates.iter().map(|&x| f64::from(x)).collect(),
+            points: body
+                .samples
+                .coordinates
+                .iter()
+                .map(|&x| f64::from(x))
+                .collect(),
             joint: Joint::new(Vector3::new(0.9, -0.2, 0.1)),
             hanging_rest: hanging.iter().map(|&i| rest[i]).collect(),
             hanging,
