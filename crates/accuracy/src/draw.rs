@@ -130,7 +130,6 @@ pub fn courses(courses: &[Course], kind: &str, title: &str) -> LinePlot {
         x_label: "seconds".into(),
         y_label: "mean loss of a pass".into(),
         series: series.collect(),
-        log_x: true,
         log_y: true,
         markers: true,
         ..LinePlot::default()

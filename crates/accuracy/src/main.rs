@@ -62,7 +62,7 @@ struct TrainingArgs {
     /// Shapes that are trained.
     #[arg(long, value_name = "N", default_value_t = 6, value_parser = at_least_one)]
     shapes: usize,
-    /// Passes over them (10, of a transfer 12 on one grid and 30 on twenty, unless given).
+    /// Passes over them (10, of a transfer 30 on one grid and 80 over twenty, unless given).
     #[arg(long, value_name = "N", value_parser = at_least_one)]
     passes: Option<usize>,
     /// Where to write (accuracy/NAME-training or -transfer unless given).

@@ -45,8 +45,8 @@ impl TransferPlan {
     /// A few minutes on two cores for a body of some thousand elements.
     pub fn quick() -> Self {
         Self {
-            passes: 12,
-            conditioned_passes: 30,
+            passes: 30,
+            conditioned_passes: 80,
             grids: 20,
             tests: 25,
             alone: 5,
@@ -217,11 +217,9 @@ pub fn transfer(
     let mut tests = Vec::new();
     let mut counts: Vec<f64> = (0..case.plan.tests).map(|_| between()).collect();
     counts.sort_by(f64::total_cmp);
-    // As many steps as the field that knows the spacing had, those on the finest grid too.
-    let all_passes = case.plan.passes + case.plan.conditioned_passes;
     let alone_every = case.plan.tests.div_ceil(case.plan.alone.max(1));
     for (i, count) in counts.into_iter().enumerate() {
-        let place = grid(count, all_passes)?;
+        let place = grid(count, case.plan.passes)?;
         told(&format!("tested on {} samples", place.samples()));
         let alone = match i % alone_every == alone_every / 2 {
             false => None,
