@@ -4,7 +4,7 @@ use crate::error::Result;
 use crate::estimates::{BOUNDS, Estimates};
 use crate::manufactured::Convergence;
 use crate::recommend::front;
-use crate::study::{Question, Row};
+use crate::study::{Question, Row, answers};
 use crate::subject::Subject;
 use crate::table::Units;
 use crate::training::Course;
@@ -25,9 +25,10 @@ pub fn pareto(rows: &[Row], units: &Units) -> LinePlot {
     for (samples, is_shared) in kinds {
         let is_it = |row: &&Row| {
             let shared = row.choice.actuation == trainer::scene::ActuationPer::Element;
-            row.question == Question::Matrix && (row.choice.samples, shared) == (samples, is_shared)
+            (row.choice.samples, shared) == (samples, is_shared)
         };
-        let points: Vec<_> = rows.iter().filter(is_it).map(place).collect();
+        let matrix = answers(rows, Question::Matrix);
+        let points: Vec<_> = matrix.filter(is_it).map(place).collect();
         if points.is_empty() {
             continue;
         }
@@ -60,11 +61,19 @@ pub fn pareto(rows: &[Row], units: &Units) -> LinePlot {
     }
 }
 
+/// Measurements over logarithmic axes.
+fn measured() -> LinePlot {
+    LinePlot {
+        log_x: true,
+        log_y: true,
+        markers: true,
+        ..LinePlot::default()
+    }
+}
+
 /// Where the time goes on finer and finer grids.
 pub fn split(rows: &[Row]) -> LinePlot {
-    let sized: Vec<&Row> = { rows.iter() }
-        .filter(|row| row.question == Question::Discretisation)
-        .collect();
+    let sized: Vec<&Row> = answers(rows, Question::Discretisation).collect();
     type Part = fn(&Row) -> f64;
     let parts: [(&str, Part); 6] = [
         ("setup, once", |r| r.setup),
@@ -78,26 +87,19 @@ pub fn split(rows: &[Row]) -> LinePlot {
         let points = sized.iter().map(|row| (row.elements as f64, part(row)));
         Series::new(name, points.filter(|p| p.1 > 0.0).collect())
     });
+    let series = series.into_iter().filter(|s| !s.points.is_empty());
     LinePlot {
         title: "Where the time goes (27 samples, solved tightly)".into(),
         x_label: "elements".into(),
         y_label: "seconds per shape".into(),
-        series: series
-            .into_iter()
-            .filter(|s| !s.points.is_empty())
-            .collect(),
-        log_x: true,
-        log_y: true,
-        markers: true,
-        ..LinePlot::default()
+        series: series.collect(),
+        ..measured()
     }
 }
 
 /// Error against element size, of the body and of the case with a known answer, in diagonals and edges.
 pub fn discretisation(rows: &[Row], convergence: &Convergence, order: f64) -> LinePlot {
-    let sized = rows
-        .iter()
-        .filter(|r| r.question == Question::Discretisation);
+    let sized = answers(rows, Question::Discretisation);
     let body = sized.map(|r| (r.choice.element_size, r.error)).collect();
     let known = convergence.grids.iter();
     let known = known.map(|g| (g.element_size, g.rms_error)).collect();
@@ -112,10 +114,7 @@ pub fn discretisation(rows: &[Row], convergence: &Convergence, order: f64) -> Li
                 known,
             ),
         ],
-        log_x: true,
-        log_y: true,
-        markers: true,
-        ..LinePlot::default()
+        ..measured()
     }
 }
 
@@ -169,10 +168,7 @@ pub fn resolutions(transfer: &Transfer, units: &Units) -> LinePlot {
             .into_iter()
             .filter(|s| !s.points.is_empty())
             .collect(),
-        log_x: true,
-        log_y: true,
-        markers: true,
-        ..LinePlot::default()
+        ..measured()
     }
 }
 

@@ -192,7 +192,8 @@ fn bodies() -> Result<Vec<Body>> {
     Ok(bodies)
 }
 
-fn effects(nodes: NodeSet) -> Vec<EffectSpec> {
+/// Elasticity of stiffness 1, held at some nodes.
+pub(crate) fn effects(nodes: NodeSet) -> Vec<EffectSpec> {
     vec![
         EffectSpec::Elasticity { stiffness: 1.0 },
         EffectSpec::Prescribed { nodes },

@@ -4,8 +4,8 @@ use accuracy::choice::Simulated;
 use accuracy::draw;
 use accuracy::estimates::{Estimates, estimates};
 use accuracy::manufactured::convergence;
-use accuracy::recommend::{Recommendation, Wish, recommend, snippet};
-use accuracy::study::{Plan, Question, Row, Study, words};
+use accuracy::recommend::{Recommendation, Wish, front, recommend, snippet};
+use accuracy::study::{Plan, Question, Row, Study, answers, words};
 use accuracy::subject::Subject;
 use accuracy::table::{
     Units, convergence_table, courses_table, estimates_table, study_table, transfer_table, value,
@@ -173,10 +173,7 @@ fn subject_of(args: &TrainingArgs, kind: &str) -> Result<(PathBuf, Subject, Unit
     let folder = create_folder(&folder)?;
     let data = args.data.as_deref();
     let subject = open(&args.subject, data, &[Width::W64], args.shapes, &folder)?;
-    let units = Units {
-        name: subject.scene.unit.clone(),
-        diagonal: subject.diagonal,
-    };
+    let units = subject.units();
     Ok((folder, subject, units))
 }
 
@@ -279,10 +276,7 @@ fn run_study(args: &StudyArgs) -> Result<()> {
         plan.shapes,
         &folder,
     )?;
-    let units = Units {
-        name: subject.scene.unit.clone(),
-        diagonal: subject.diagonal,
-    };
+    let units = subject.units();
     if let Some(file) = &args.check {
         return run_check(&subject, &plan, &read_json::<Vec<Kept>>(file)?, &units);
     }
@@ -377,9 +371,7 @@ fn open(
 
 /// Order p of the error C (h^p - h_ref^p), the reference being off in the same way: the p whose C varies least over the sizes.
 fn order(rows: &[Row], reference: f64) -> f64 {
-    let sized = rows
-        .iter()
-        .filter(|r| r.question == Question::Discretisation);
+    let sized = answers(rows, Question::Discretisation);
     let points: Vec<(f64, f64)> = sized.map(|r| (r.choice.element_size, r.error)).collect();
     let spread = |p: f64| {
         let logarithms = points
@@ -395,42 +387,33 @@ fn order(rows: &[Row], reference: f64) -> f64 {
         .unwrap_or(f64::NAN)
 }
 
-/// What was asked for; without a wish, the settings for half, a third and a tenth of the range of the errors.
+/// What was asked for; without a wish, settings that come within four times, twice and 1.2 times the smallest error.
 fn wishes(
     rows: &[Row],
     budget: Option<f64>,
     target: Option<f64>,
     units: &Units,
 ) -> Result<Vec<Kept>> {
-    let of = |wish: Wish, words: String| -> Result<Kept> {
-        Ok(Kept {
-            wish: words,
-            target: match wish {
-                Wish::Target(target) => Some(target),
-                Wish::Budget(_) => None,
-            },
-            recommendation: recommend(rows, wish, units.diagonal)?,
-        })
-    };
     if let Some(budget) = budget {
-        return Ok(vec![of(
-            Wish::Budget(budget),
-            format!("At most {budget} s"),
-        )?]);
+        return Ok(vec![Kept {
+            wish: format!("At most {budget} s"),
+            target: None,
+            recommendation: recommend(rows, Wish::Budget(budget), units.diagonal)?,
+        }]);
     }
-    if let Some(target) = target {
-        let words = format!("Within {:.2e} {}", target * units.diagonal, units.name);
-        return Ok(vec![of(Wish::Target(target), words)?]);
-    }
-    let best = accuracy::recommend::front(rows)
-        .last()
-        .map_or(0.0, |r| r.error);
-    let targets = [4.0, 2.0, 1.2].map(|times| times * best);
-    let wished = targets.into_iter().map(|target| {
-        let words = format!("Within {:.2e} {}", target * units.diagonal, units.name);
-        of(Wish::Target(target), words)
+    let best = || front(rows).last().map_or(0.0, |r| r.error);
+    let targets = match target {
+        Some(target) => vec![target],
+        None => [4.0, 2.0, 1.2].map(|times| times * best()).to_vec(),
+    };
+    let within = targets.into_iter().map(|target| {
+        Ok(Kept {
+            wish: format!("Within {:.2e} {}", target * units.diagonal, units.name),
+            target: Some(target),
+            recommendation: recommend(rows, Wish::Target(target), units.diagonal)?,
+        })
     });
-    wished.collect()
+    within.collect()
 }
 
 fn run_check(subject: &Subject, plan: &Plan, kept: &[Kept], units: &Units) -> Result<()> {

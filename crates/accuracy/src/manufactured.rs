@@ -4,9 +4,10 @@
 //! is lower. What a grid makes of it is off by the error of trilinear elements and their quadrature alone.
 
 use crate::error::{AccuracyError, Result};
+use crate::estimates::effects;
 use hex_mesh::{Axis, HexMesh, NodeRegion, Quadrature};
 use nalgebra::{Matrix3, Vector3};
-use pd_solver::{EffectSpec, NodeSet, SolveOptions, Solver, Status, Stop};
+use pd_solver::{NodeSet, SolveOptions, Solver, Status, Stop};
 use serde::Serialize;
 
 /// Elements along the edge of the unit cube.
@@ -87,12 +88,7 @@ fn on_grid(cells: usize) -> Result<Grid> {
         axis: Axis::X,
         value: 0.0,
     };
-    let effects = [
-        EffectSpec::Elasticity { stiffness: 1.0 },
-        EffectSpec::Prescribed {
-            nodes: NodeSet::Region(side),
-        },
-    ];
+    let effects = effects(NodeSet::Region(side));
     let mut solver = Solver::new(&mesh, &effects)?;
     let mut parameters = solver.rest_parameters();
     for (b, x) in parameters.actuation.iter_mut().zip(mesh.sample_positions()) {

@@ -323,6 +323,11 @@ impl<'a> Study<'a> {
     }
 }
 
+/// The rows that answer a question.
+pub fn answers(rows: &[Row], question: Question) -> impl Iterator<Item = &Row> {
+    rows.iter().filter(move |row| row.question == question)
+}
+
 /// What a question is about.
 pub fn words(question: Question) -> &'static str {
     match question {

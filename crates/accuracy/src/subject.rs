@@ -1,6 +1,7 @@
 //! What is studied: a body, a few of its shapes, and the field that actuates them.
 
 use crate::error::{AccuracyError, Result};
+use crate::table::Units;
 use actuation_net::{ActuationNet, Width};
 use nalgebra::Vector3;
 use std::path::Path;
@@ -135,6 +136,14 @@ impl Subject {
             inputs,
             shapes,
             fields,
+        }
+    }
+
+    /// Its lengths, to be told in.
+    pub fn units(&self) -> Units {
+        Units {
+            name: self.scene.unit.clone(),
+            diagonal: self.diagonal,
         }
     }
 
