@@ -23,6 +23,31 @@ pub struct Loss<'a> {
     /// Whether the target of a vertex follows it along the target's tangent plane.
     slides: bool,
     inversion_weight: f64,
+    far: Far,
+}
+
+/// What vertices far off their targets count more.
+#[derive(Clone, Copy)]
+struct Far {
+    weight: f64,
+    /// far^2.
+    squared: f64,
+}
+
+impl Far {
+    fn new(body: &Body, settings: &LossSettings) -> Self {
+        Self {
+            weight: settings.far_weight,
+            squared: (settings.far * body.diagonal).powi(2),
+        }
+    }
+
+    /// What the squared distance `q` counts, `q (1 + weight q / (q + far^2))`, and its derivative by `q`.
+    fn count(self, q: f64) -> (f64, f64) {
+        let share = q / (q + self.squared);
+        let value = q * (1.0 + self.weight * share);
+        (value, 1.0 + self.weight * share * (2.0 - share))
+    }
 }
 
 impl<'a> Loss<'a> {
@@ -40,6 +65,7 @@ impl<'a> Loss<'a> {
             normal_weight,
             normals,
             inversion_weight: settings.inversion_weight,
+            far: Far::new(body, settings),
             slides: false,
         }
     }
@@ -61,19 +87,22 @@ impl<'a> Loss<'a> {
             normals,
             slides: true,
             inversion_weight: settings.inversion_weight,
+            far: Far::new(body, settings),
         }
     }
 
     /// Value and gradient by the surface's vertices:
-    /// `sum_v a_v (|x_v - t_v|^2 / (1 % of the diagonal)^2 + alpha |n_v - m_v|^2)` with weights a_v (area shares, unless said otherwise).
+    /// `sum_v a_v (q(|x_v - t_v|^2) / (1 % of the diagonal)^2 + alpha |n_v - m_v|^2)` with weights a_v (area shares, unless said otherwise).
+    /// `q` is the squared distance itself, or counts more where a vertex is far off ([`LossSettings::far_weight`]).
     pub fn surface(&self, x: &[Vector3<f64>]) -> (f64, Vec<Vector3<f64>>) {
         let scale = squared_unit(self.body).recip();
         let mut value = 0.0;
         let mut gradient = Vec::with_capacity(x.len());
         for ((x, t), a) in x.iter().zip(&*self.target).zip(&*self.weights) {
             let off = x - t;
-            value += a * scale * off.norm_squared();
-            gradient.push(off * (2.0 * a * scale));
+            let (counted, slope) = self.far.count(off.norm_squared());
+            value += a * scale * counted;
+            gradient.push(off * (2.0 * a * scale * slope));
         }
         let alpha = self.normal_weight;
         if alpha > 0.0 {
@@ -92,7 +121,8 @@ impl<'a> Loss<'a> {
     }
 
     /// The Gauss-Newton matrix of the value at `x` for variables whose first-order effects on the vertices are `effects`: `2 J^T J` of the
-    /// residuals whose squares the value sums. Where targets slide, only distances along their normals count.
+    /// residuals whose squares the value sums, far vertices counted like all others. Where targets slide, only distances along their
+    /// normals count.
     pub fn gauss_newton(&self, x: &[Vector3<f64>], effects: &[Vec<Vector3<f64>>]) -> DMatrix<f64> {
         let scale = squared_unit(self.body).recip();
         let per_vertex = if self.normal_weight > 0.0 { 6 } else { 3 };
@@ -187,6 +217,8 @@ mod tests {
             let settings = LossSettings {
                 normal_weight: alpha,
                 inversion_weight: alpha,
+                far_weight: 8.0 * alpha,
+                far: 0.02,
                 ..LossSettings::default()
             };
             let loss = Loss::new(&body, &target, &settings);

@@ -195,6 +195,13 @@ pub struct LossSettings {
     /// surface's distances, times the square of how far its share of volume is below a tenth. 0 lets it be.
     #[serde(default)]
     pub inversion_weight: f64,
+    /// How much more than its area a vertex counts that is far off its target: its squared distance d^2 is counted
+    /// 1 + far_weight d^2 / (d^2 + far^2) times. A few vertices of small area, such as a lip's edge, would else be left behind.
+    #[serde(default)]
+    pub far_weight: f64,
+    /// The distance from which on a vertex is far off, as a share of the bounding-box diagonal.
+    #[serde(default = "default_far")]
+    pub far: f64,
     /// Parts of the surface that count less or more than their area, or not at all. A vertex of several takes their product.
     #[serde(default)]
     pub weights: Vec<LossPart>,
@@ -206,6 +213,8 @@ impl Default for LossSettings {
             normal_weight: 0.0,
             jaw_weight: default_jaw_weight(),
             inversion_weight: 0.0,
+            far_weight: 0.0,
+            far: default_far(),
             weights: Vec::new(),
         }
     }
@@ -333,6 +342,10 @@ fn default_jaw_weight() -> f64 {
     10.0
 }
 
+fn default_far() -> f64 {
+    2e-3
+}
+
 fn default_omega() -> f32 {
     30.0
 }
@@ -375,6 +388,7 @@ impl Scene {
         }
         let positive = [
             ("mesh.element_size", self.mesh.element_size),
+            ("loss.far", self.loss.far),
             ("stage1.spring_stiffness", self.stage1.spring_stiffness),
             ("stage2.accuracy", self.stage2.accuracy),
             ("stage2.adjoint_tolerance", self.stage2.adjoint_tolerance),
@@ -389,6 +403,7 @@ impl Scene {
             ("loss.normal_weight", self.loss.normal_weight),
             ("loss.jaw_weight", self.loss.jaw_weight),
             ("loss.inversion_weight", self.loss.inversion_weight),
+            ("loss.far_weight", self.loss.far_weight),
             ("stage1.learning_rate", self.stage1.learning_rate),
             ("stage2.blend_weight", self.stage2.blend_weight),
             ("stage2.learning_rate", self.stage2.learning_rate),

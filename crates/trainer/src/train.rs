@@ -89,7 +89,7 @@ pub fn train(run: &Run) -> Result<Trained> {
     tell_bones(&body, &rig, &scene.unit);
     let shapes = Shapes::new(&scene, &inputs, rig.jaw.as_ref(), &body.vertex_weights)?;
     let config = network_config(&scene, &shapes);
-    let state = if run.checkpoint_path().exists() {
+    let mut state = if run.checkpoint_path().exists() {
         Checkpoint::read(run, &config)?
     } else {
         let net = ActuationNet::new(&config, scene.seed)?;
@@ -108,6 +108,12 @@ pub fn train(run: &Run) -> Result<Trained> {
     };
     let training = shapes.training();
     check_fit(&state, run, &body, training.len())?;
+    if state.stage == Stage::Done && state.step < stage2::steps(&scene.stage2, training.len()) {
+        note(
+            "the run was at its end, but its scene.toml asks for more epochs by now: stage 2 goes on",
+        );
+        state.stage = Stage::Two;
+    }
     let metrics = Metrics::open(run, state.metrics_length)?;
     let mut session = Session {
         run,
@@ -405,6 +411,27 @@ impl Session<'_> {
 mod tests {
     use super::*;
     use crate::fixture;
+
+    /// A user who finds a run wanting raises its epochs.
+    #[test]
+    fn a_run_at_its_end_goes_on_when_more_epochs_are_asked_for() {
+        let folder = tempfile::tempdir().unwrap();
+        let (inputs, rig) = (fixture::inputs(), crate::rig::Rig::default());
+        let run = Run::create(folder.path(), fixture::SCENE, &inputs, &rig, None).unwrap();
+        train(&run).unwrap();
+        let steps = || {
+            let text = std::fs::read_to_string(run.metrics_path()).unwrap();
+            text.lines().filter(|l| l.contains("\"stage\":2")).count()
+        };
+        let before = steps();
+        let mut scene = run.scene().unwrap();
+        let per_epoch = before / scene.stage2.epochs;
+        scene.stage2.epochs += 2;
+        let text = toml::to_string(&scene).unwrap();
+        std::fs::write(folder.path().join("scene.toml"), text).unwrap();
+        train(&run).unwrap();
+        assert_eq!(steps(), before + 2 * per_epoch);
+    }
 
     /// A basis of its own leaves the network's size as it is: nothing but the positions tells that the scene was changed.
     #[test]
