@@ -38,6 +38,7 @@ mod ordering;
 mod panel;
 mod preconditioners;
 mod problem;
+mod saddle;
 mod solution;
 mod solver;
 mod spec;

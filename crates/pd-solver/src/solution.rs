@@ -81,6 +81,9 @@ pub struct SolveOptions {
     /// tells without is a bound by what its last step did, mostly several times too large; this is about the error itself, for a few
     /// products with the Hessian.
     pub measure_error: bool,
+    /// Look at the end for a direction of negative curvature, and go on along it where there is one: the end is then a minimum, for the price
+    /// of about one adjoint. Without, that is done only where samples are inverted or the solve took more than ten steps.
+    pub leave_saddles: bool,
 }
 
 impl SolveOptions {
@@ -92,6 +95,7 @@ impl SolveOptions {
             max_iterations: 2000,
             reuse: false,
             measure_error: false,
+            leave_saddles: false,
         }
     }
 
@@ -100,6 +104,15 @@ impl SolveOptions {
     pub fn measuring_error(self) -> Self {
         Self {
             measure_error: true,
+            ..self
+        }
+    }
+
+    /// The same with saddles left.
+    #[must_use]
+    pub fn leaving_saddles(self) -> Self {
+        Self {
+            leave_saddles: true,
             ..self
         }
     }
@@ -161,6 +174,9 @@ pub struct SolveStats {
     pub method: Method,
     /// Whether another method had to take over.
     pub fell_back: bool,
+    /// Whether the Hessian at the result has a direction of negative curvature, so that this is no minimum; absent where nobody looked or
+    /// the look told nothing.
+    pub negative_curvature: Option<bool>,
     /// Work since the solver was built.
     pub work: Work,
     /// Wall-clock seconds.
@@ -285,6 +301,7 @@ impl Default for Solution {
                 estimate: Estimate::None,
                 method: Method::Automatic,
                 fell_back: false,
+                negative_curvature: None,
                 work: Work::default(),
                 seconds: 0.0,
                 local_seconds: 0.0,

@@ -379,6 +379,11 @@ impl Solver {
             outcome = self.run_method(method, u, &target, left);
             outcome.iterations += done;
         }
+        let mut negative_curvature = None;
+        if options.leave_saddles || self.may_be_saddle(method, u, &outcome) {
+            let limit = options.max_iterations;
+            negative_curvature = self.leave_saddles(method, u, &target, limit, &mut outcome);
+        }
         if options.measure_error {
             self.measure(method, u, target, options.max_iterations, &mut outcome);
         }
@@ -395,6 +400,7 @@ impl Solver {
             estimate: outcome.estimate,
             method,
             fell_back: method != asked,
+            negative_curvature,
             work: Work::default(),
             seconds: 0.0,
             local_seconds: 0.0,

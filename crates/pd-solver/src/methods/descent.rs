@@ -15,6 +15,8 @@ const ENERGY_ROUNDOFF: f64 = 1e-14;
 /// A state by its energy and gradient; the vectors are in the workspace.
 pub(super) struct Descent {
     pub(super) gradient_norm: f64,
+    /// Whether the last step was taken at its full length: only then does it tell how near the end is.
+    pub(super) is_full: bool,
     energy: f64,
     iterations: usize,
 }
@@ -28,6 +30,7 @@ impl Descent {
         };
         Self {
             gradient_norm: norm(&space.gradient),
+            is_full: true,
             energy,
             iterations: 0,
         }
@@ -69,6 +72,7 @@ impl Descent {
                 self.energy = energy;
                 self.gradient_norm = norm(&space.gradient);
                 self.iterations += 1;
+                self.is_full = length == 1.0;
                 return true;
             }
             length *= 0.5;

@@ -226,7 +226,7 @@ pub(crate) fn lbfgs(
             continue;
         }
         doubts.negative_curvature = !history.push(space, u);
-        if verified {
+        if verified && descent.is_full {
             estimate = estimate.map(|(length, kind)| (length * REMAINS, kind));
             break Status::Converged;
         }

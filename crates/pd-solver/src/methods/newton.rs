@@ -2,7 +2,7 @@
 
 use super::descent::Descent;
 use super::{Outcome, Preconditioner, Target, Workspace};
-use crate::krylov::{LinearSolution, System, solve_at};
+use crate::krylov::{LinearSolution, LinearStatus, System, solve_at};
 use crate::problem::Problem;
 use crate::solution::{Estimate, Status};
 use crate::vector::{NodalVector, dot, max_norm};
@@ -58,15 +58,17 @@ pub(crate) fn newton(
         pre.prepare(u);
         // Superlinear convergence near the end, no waste far from it (Eisenstat and Walker 1996).
         let tolerance = LOOSEST.min((descent.gradient_norm / start_norm).sqrt());
-        newton_direction(problem, pre, space, u, tolerance);
+        let linear = newton_direction(problem, pre, space, u, tolerance);
         let length = max_norm(&space.direction);
+        // Where the curvature is negative, a direction leads away from here, but says nothing of how far.
+        let tells = linear.status == LinearStatus::Converged;
         let slope = dot(&space.gradient, &space.direction);
         if slope <= 0.0 || !slope.is_finite() {
             break Status::Stalled;
         }
         if !descent.step(problem, space, u, slope) {
             // Not even a tiny part of an exact Newton step helps: the step itself says how far the minimum is.
-            if target.is_met(descent.gradient_norm, Some(length)) {
+            if tells && target.is_met(descent.gradient_norm, Some(length)) {
                 estimate = Some((length, Estimate::NewtonStep));
                 break Status::Converged;
             }
@@ -74,7 +76,8 @@ pub(crate) fn newton(
         }
         // What remains after the step is what the linear solve left and what the curvature of the energy adds; the second is
         // not known, so no step counts for more than a reduction by REMAINS.
-        estimate = Some((length * REMAINS, Estimate::NewtonStep));
+        let tells = tells && descent.is_full;
+        estimate = tells.then_some((length * REMAINS, Estimate::NewtonStep));
         if target.is_met(descent.gradient_norm, estimate.map(|(length, _)| length)) {
             break Status::Converged;
         }

@@ -1,0 +1,7 @@
+//! To come.
+
+use crate::case::Case;
+
+pub fn cases() -> Vec<Case> {
+    Vec::new()
+}

@@ -1,0 +1,114 @@
+//! What must hold of every solve and every gradient.
+
+use crate::body::{Body, name};
+use crate::case::Finding;
+use nalgebra::Vector3;
+use pd_solver::{Method, Parameters, Solution, SolveOptions, Status, Stop};
+
+/// How much an energy may rise by roundoff, of the largest seen.
+const ROUNDOFF: f64 = 1e-12;
+/// Limits of iterations after which the energy of a solve is looked at.
+const LIMITS: [usize; 9] = [0, 1, 2, 3, 4, 6, 10, 20, 50];
+
+/// Whether all entries are finite.
+pub fn all_finite(x: &[Vector3<f64>]) -> bool {
+    x.iter().all(|x| x.iter().all(|x| x.is_finite()))
+}
+
+/// Solves, and looks at what every solve must keep: finite numbers, and a status that tells the truth.
+pub fn checked_solve(
+    body: &mut Body,
+    parameters: &Parameters,
+    start: Option<&[Vector3<f64>]>,
+    options: &SolveOptions,
+) -> (Solution, Finding) {
+    let mut finding = Finding::default();
+    let solution = match body.solver.solve(parameters, start, options) {
+        Ok(solution) => solution,
+        Err(error) => {
+            finding.status = "refused".into();
+            finding.broken.push(error.to_string());
+            return (Solution::default(), finding);
+        }
+    };
+    let stats = &solution.stats;
+    let method = name(options.method);
+    finding.status = format!("{:?}", solution.status).to_lowercase();
+    finding.iterations = stats.iterations;
+    finding.residual = stats.relative_gradient().unwrap_or(0.0);
+    finding.see_pair_sum(stats.work.smallest_pair_sum);
+    finding.require(all_finite(&solution.positions), || {
+        format!("{method}: positions that are not finite")
+    });
+    let (energy, gradient) = body
+        .solver
+        .energy_gradient(parameters, &solution.positions)
+        .expect("a state of this body");
+    let norm = gradient
+        .iter()
+        .map(|g| g.norm_squared())
+        .sum::<f64>()
+        .sqrt();
+    finding.require(energy.is_finite() && norm.is_finite(), || {
+        format!("{method}: energy {energy}, gradient {norm}")
+    });
+    // The status tells the truth: what the solver says of its result is so when it is computed anew.
+    let same = |a: f64, b: f64| (a - b).abs() <= 1e-9 * a.abs().max(b.abs()) + 1e-300;
+    finding.require(same(energy, stats.energy), || {
+        format!(
+            "{method}: tells energy {} where it is {energy}",
+            stats.energy
+        )
+    });
+    finding.require(
+        (norm - stats.gradient_norm).abs() <= 1e-9 * norm + 1e-12 * energy.abs().sqrt() + 1e-14,
+        || {
+            format!(
+                "{method}: tells gradient {} where it is {norm}",
+                stats.gradient_norm
+            )
+        },
+    );
+    if let (Status::Converged, Stop::RelativeGradient(asked), Some(rest)) =
+        (solution.status, options.stop, stats.gradient_norm_rest)
+    {
+        let floor = 1e-13 * body.mesh.element_size() * (body.mesh.nodes().len() as f64).sqrt();
+        finding.require(norm <= asked * rest * (1.0 + 1e-9) + floor, || {
+            format!("{method}: converged with a gradient of {norm}, asked {asked} of {rest}")
+        });
+    }
+    (solution, finding)
+}
+
+/// Whether the energy never rises from iteration to iteration: the same solve with higher and higher limits.
+pub fn never_rises(
+    body: &mut Body,
+    parameters: &Parameters,
+    start: &[Vector3<f64>],
+    method: Method,
+) -> Finding {
+    let mut finding = Finding::default();
+    let mut last = f64::INFINITY;
+    for limit in LIMITS {
+        let options = SolveOptions {
+            max_iterations: limit,
+            ..SolveOptions::new(Stop::RelativeGradient(1e-10)).with_method(method)
+        };
+        let energy = match body.solver.solve(parameters, Some(start), &options) {
+            Ok(solution) => solution.stats.energy,
+            Err(error) => {
+                finding.broken.push(error.to_string());
+                return finding;
+            }
+        };
+        let rise = energy - last;
+        finding.require(!(rise > ROUNDOFF * energy.abs().max(1e-300)), || {
+            format!(
+                "{}: the energy rises by {rise:.1e} up to iteration {limit}",
+                name(method)
+            )
+        });
+        last = energy;
+    }
+    finding
+}
