@@ -1,6 +1,6 @@
 //! The exact implicit adjoint (maths.md "Implicit adjoint"): one linear solve with the true Hessian.
 
-use crate::krylov::{LinearStatus, System, minres, solve_at};
+use crate::krylov::{LinearStatus, System, minres, smallest_ritz_value, solve_at};
 use crate::methods::{Preconditioner, Workspace};
 use crate::problem::Problem;
 use crate::solution::{Adjoint, AdjointOptions, AdjointStats, AdjointStatus, Solution, Status};
@@ -12,6 +12,11 @@ use std::time::Instant;
 
 /// How much the residual at the given positions may exceed the one the forward solve reported: roundoff, not another state.
 const RESIDUAL_SLACK: f64 = 1.01;
+
+/// Stiffness of a direction against the preconditioner below which the Hessian is called next to singular.
+const SOFT: f64 = 1e-7;
+/// Sum s_i + s_j at a sample below which its rotation is called not unique.
+const UNIQUE: f64 = 1e-10;
 
 /// Whether the forward solve converged and its positions still are where it left them.
 pub(crate) fn is_equilibrium(
@@ -28,6 +33,11 @@ pub(crate) fn is_equilibrium(
     norm(&space.gradient) <= allowed
 }
 
+/// Whether small errors of the state leave a gradient small errors: nothing next to singular was met.
+fn is_well_conditioned(softest: Option<f64>, smallest_pair_sum: Option<f64>) -> bool {
+    softest.is_none_or(|s| s > SOFT) && smallest_pair_sum.is_none_or(|s| s > UNIQUE)
+}
+
 /// Sets `out` to a refusal.
 pub(crate) fn refuse(out: &mut Adjoint, status: AdjointStatus, start: Instant) {
     out.gradient = None;
@@ -36,6 +46,7 @@ pub(crate) fn refuse(out: &mut Adjoint, status: AdjointStatus, start: Instant) {
         iterations: 0,
         negative_curvature: false,
         relative_residual: f64::NAN,
+        softest: None,
         smallest_pair_sum: None,
         seconds: start.elapsed().as_secs_f64(),
     };
@@ -86,6 +97,7 @@ pub(crate) fn adjoint(
         limit,
     );
     let mut iterations = linear.iterations;
+    let softest = smallest_ritz_value(&space.krylov.lanczos);
     let negative_curvature = linear.status == LinearStatus::NegativeCurvature;
     if linear.status != LinearStatus::Converged {
         // MINRES takes any Hessian, but its preconditioner has to be positive definite.
@@ -101,7 +113,10 @@ pub(crate) fn adjoint(
     }
     out.status = match linear.status {
         LinearStatus::Converged if negative_curvature => AdjointStatus::ConvergedIndefinite,
-        LinearStatus::Converged => AdjointStatus::Converged,
+        LinearStatus::Converged => match is_well_conditioned(softest, smallest_pair_sum) {
+            true => AdjointStatus::Converged,
+            false => AdjointStatus::ConvergedIllConditioned,
+        },
         LinearStatus::Breakdown => AdjointStatus::NotFinite,
         _ => AdjointStatus::IterationLimit,
     };
@@ -109,6 +124,7 @@ pub(crate) fn adjoint(
         iterations,
         negative_curvature,
         relative_residual: linear.relative_residual,
+        softest,
         smallest_pair_sum,
         seconds: 0.0,
     };
@@ -117,19 +133,20 @@ pub(crate) fn adjoint(
     } else {
         let z = &mut out.multiplier;
         z.resize(n, Vector3::zeros());
-        let solved = z.iter_mut().zip(&space.krylov.x);
-        solved.for_each(|(z, x)| *z = x * scale);
-        gradient(problem, space, u, cotangent, out);
+        z.copy_from_slice(&space.krylov.x);
+        gradient(problem, space, u, cotangent, scale, out);
+        scale_up(&mut out.multiplier, scale);
     }
     out.stats.seconds = start.elapsed().as_secs_f64();
 }
 
-/// dL/d parameters from the multiplier.
+/// dL/d parameters from the multiplier of the cotangent divided by `scale`.
 fn gradient(
     problem: &mut Problem,
     space: &mut Workspace,
     u: &[Vector3<f64>],
     cotangent: &[Vector3<f64>],
+    scale: f64,
     out: &mut Adjoint,
 ) {
     let like = &problem.rest_parameters;
@@ -142,9 +159,18 @@ fn gradient(
     };
     problem.parameter_vjp(u, &out.multiplier, gradient);
     problem.full_hessian_product(&out.multiplier, &mut space.scratch);
-    for (out, &node) in gradient.prescribed.iter_mut().zip(&problem.prescribed) {
-        *out = cotangent[node as usize] - space.scratch[node as usize];
+    for b in &mut gradient.actuation {
+        b.iter_mut().for_each(|b| *b *= scale);
     }
+    scale_up(&mut gradient.spring_targets, scale);
+    scale_up(&mut gradient.acceleration, scale);
+    for (out, &node) in gradient.prescribed.iter_mut().zip(&problem.prescribed) {
+        *out = cotangent[node as usize] - space.scratch[node as usize] * scale;
+    }
+}
+
+fn scale_up(x: &mut [Vector3<f64>], scale: f64) {
+    x.iter_mut().for_each(|x| *x *= scale);
 }
 
 impl Parameters {

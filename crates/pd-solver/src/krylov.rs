@@ -51,6 +51,8 @@ impl LinearOperator for System<'_> {
     }
 }
 
+/// Bisections for the smallest Ritz value: it is told to the last digit down to 1e-15 of the largest.
+const BISECTIONS: usize = 100;
 /// How often a preconditioner is made safer before conjugate gradients give up.
 const STRENGTHENINGS: usize = 3;
 
@@ -88,7 +90,15 @@ pub(crate) fn conjugate_gradients(
     max_iterations: usize,
 ) -> LinearSolution {
     let b_norm = norm(b);
-    let KrylovSpace { x, r, z, d, q } = space;
+    let KrylovSpace {
+        x,
+        r,
+        z,
+        d,
+        q,
+        lanczos,
+    } = space;
+    lanczos.clear();
     if b_norm == 0.0 {
         x.fill(Vector3::zeros());
         return finished(LinearStatus::Converged, 0, 0.0);
@@ -128,14 +138,51 @@ pub(crate) fn conjugate_gradients(
         axpy(step, d, x);
         relative = axpy_norm(-step, q, r) / b_norm;
         if relative <= tolerance {
+            lanczos.push((step, 0.0));
             return finished(LinearStatus::Converged, iteration + 1, relative);
         }
         operator.precondition(r, z);
         let next = dot(r, z);
+        lanczos.push((step, next / rz));
         scale_add(d, next / rz, z);
         rz = next;
     }
     finished(LinearStatus::IterationLimit, max_iterations, relative)
+}
+
+/// The smallest Ritz value of the last solve by [`conjugate_gradients`]: how soft the softest direction that it saw is, against the preconditioner.
+/// `lanczos` holds its steps and the factors that its directions were mixed by, from which the tridiagonal matrix of Lanczos follows (Golub and
+/// Van Loan, 11.3); the value is found by bisection on its pivots.
+pub(crate) fn smallest_ritz_value(lanczos: &[(f64, f64)]) -> Option<f64> {
+    // Entry j: the diagonal, and the square of what is beside it.
+    let entry = |j: usize| {
+        let (step, mixed) = lanczos[j];
+        let before = j
+            .checked_sub(1)
+            .map_or(0.0, |i| lanczos[i].1 / lanczos[i].0);
+        (step.recip() + before, mixed / (step * step))
+    };
+    let first = (!lanczos.is_empty()).then(|| entry(0).0)?;
+    let all_above = |value: f64| {
+        let mut pivot = 1.0;
+        let mut beside = 0.0;
+        (0..lanczos.len()).all(|j| {
+            let (diagonal, next) = entry(j);
+            pivot = diagonal - value - beside / pivot;
+            beside = next;
+            pivot > 0.0
+        })
+    };
+    let (mut low, mut high) = (0.0, first);
+    for _ in 0..BISECTIONS {
+        let middle = 0.5 * (low + high);
+        if all_above(middle) {
+            low = middle;
+        } else {
+            high = middle;
+        }
+    }
+    Some(high)
 }
 
 /// Preconditioned MINRES from zero for symmetric, possibly indefinite `H x = b` (Paige and Saunders 1975, in the form of
@@ -269,6 +316,22 @@ mod tests {
         let warm = conjugate_gradients(&mut operator, &b, &mut space, true, 1e-7, 200);
         assert!(warm.iterations < cold.iterations && warm.status == LinearStatus::Converged);
         assert!(error(&operator, &space.x, &b) < 1e-5);
+    }
+
+    #[test]
+    fn the_softest_direction_shows_in_the_steps() {
+        let mut d: Vec<f64> = (0..40).map(|i| 1.0 + i as f64).collect();
+        d[3] = 1e-5;
+        let mut operator = Diagonal(d, vec![1.0; 40]);
+        let b = right_hand_side();
+        let mut space = KrylovSpace::default();
+        space.reserve(b.len());
+        let solved = conjugate_gradients(&mut operator, &b, &mut space, false, 1e-12, 400);
+        assert_eq!(solved.status, LinearStatus::Converged);
+        let softest = smallest_ritz_value(&space.lanczos).unwrap();
+        assert!((softest - 1e-5).abs() < 1e-8, "{softest}");
+        assert_eq!(smallest_ritz_value(&[]), None);
+        assert_eq!(smallest_ritz_value(&[(0.5, 0.0)]), Some(2.0));
     }
 
     #[test]

@@ -50,7 +50,7 @@ impl Solver {
     /// left; nothing where the linear solve that looks could not tell.
     pub(crate) fn leave_saddles(
         &mut self,
-        method: Method,
+        method: &mut Method,
         u: &mut NodalVector,
         target: &Target,
         limit: usize,
@@ -60,12 +60,12 @@ impl Solver {
             if !matches!(outcome.status, Status::Converged | Status::Stalled) {
                 return None;
             }
-            match self.look(method, u, attempt as u64) {
+            match self.look(*method, u, attempt as u64) {
                 LinearStatus::Converged => return Some(false),
                 LinearStatus::NegativeCurvature => {}
                 _ => return None,
             }
-            if attempt == SADDLES || !self.step_off(method, u, outcome.energy) {
+            if attempt == SADDLES || !self.step_off(*method, u, outcome.energy) {
                 return Some(true);
             }
             let mut done = outcome.iterations;
@@ -73,7 +73,7 @@ impl Solver {
                 let few = SLIDE.min(limit.saturating_sub(done));
                 done += self.run_method(Method::Lbfgs, u, target, few).iterations;
             }
-            *outcome = self.run_method(method, u, target, limit.saturating_sub(done));
+            *outcome = self.run_with_fallback(method, u, target, limit.saturating_sub(done));
             outcome.iterations += done;
         }
         Some(true)

@@ -215,6 +215,10 @@ pub struct Solution {
 pub enum AdjointStatus {
     /// Conjugate gradients on the true Hessian met the tolerance: the state is a minimum along all directions seen.
     Converged,
+    /// Conjugate gradients met the tolerance, but the gradient hangs on something next to singular: a direction along which the body hardly resists
+    /// ([`AdjointStats::softest`]), as where it is about to buckle, or a sample whose rotation is not unique
+    /// ([`AdjointStats::smallest_pair_sum`]). It may be far from what a small change of a parameter does.
+    ConvergedIllConditioned,
     /// Negative curvature was met, so the state is a saddle or the Hessian nearly singular; MINRES met the tolerance.
     /// The gradient is that of the stationary point and may be ill-conditioned.
     ConvergedIndefinite,
@@ -227,9 +231,17 @@ pub enum AdjointStatus {
 }
 
 impl AdjointStatus {
-    /// Whether the gradient can be relied on.
+    /// Whether the linear solve met its tolerance.
     pub fn is_converged(self) -> bool {
-        matches!(self, Self::Converged | Self::ConvergedIndefinite)
+        matches!(
+            self,
+            Self::Converged | Self::ConvergedIllConditioned | Self::ConvergedIndefinite
+        )
+    }
+
+    /// Whether the gradient is that of a minimum, and no small error of the state makes it another.
+    pub fn is_reliable(self) -> bool {
+        self == Self::Converged
     }
 }
 
@@ -266,6 +278,9 @@ pub struct AdjointStats {
     pub negative_curvature: bool,
     /// `|H z - b| / |b|` at the end.
     pub relative_residual: f64,
+    /// Smallest Ritz value of the Hessian against the preconditioner: how little the softest direction that was met resists. About 1 where the
+    /// preconditioner is good; absent where no step was made.
+    pub softest: Option<f64>,
     /// Smallest s_i + s_j over all samples at the state.
     pub smallest_pair_sum: Option<f64>,
     /// Wall-clock seconds.
@@ -321,6 +336,7 @@ impl Default for Adjoint {
                 iterations: 0,
                 negative_curvature: false,
                 relative_residual: f64::NAN,
+                softest: None,
                 smallest_pair_sum: None,
                 seconds: 0.0,
             },

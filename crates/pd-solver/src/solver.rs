@@ -368,24 +368,15 @@ impl Solver {
                 gradient: (t * rest_gradient.unwrap_or(0.0)).max(floor),
             },
         };
-        let mut left = options.max_iterations;
-        let mut outcome = self.run_method(method, u, &target, left);
+        let limit = options.max_iterations;
         let asked = method;
-        if outcome.status == Status::Stalled && matches!(method, Method::Lbfgs | Method::Multigrid)
-        {
-            method = Method::Newton;
-            left -= outcome.iterations;
-            let done = outcome.iterations;
-            outcome = self.run_method(method, u, &target, left);
-            outcome.iterations += done;
-        }
+        let mut outcome = self.run_with_fallback(&mut method, u, &target, limit);
         let mut negative_curvature = None;
         if options.leave_saddles || self.may_be_saddle(method, u, &outcome) {
-            let limit = options.max_iterations;
-            negative_curvature = self.leave_saddles(method, u, &target, limit, &mut outcome);
+            negative_curvature = self.leave_saddles(&mut method, u, &target, limit, &mut outcome);
         }
         if options.measure_error {
-            self.measure(method, u, target, options.max_iterations, &mut outcome);
+            self.measure(method, u, target, limit, &mut outcome);
         }
         let stats = SolveStats {
             iterations: outcome.iterations,
@@ -406,6 +397,25 @@ impl Solver {
             local_seconds: 0.0,
         };
         Ok((outcome.status, stats))
+    }
+
+    /// Runs a method, and Newton where it stalls; `method` is then that.
+    pub(crate) fn run_with_fallback(
+        &mut self,
+        method: &mut Method,
+        u: &mut NodalVector,
+        target: &Target,
+        limit: usize,
+    ) -> Outcome {
+        let mut outcome = self.run_method(*method, u, target, limit);
+        if outcome.status == Status::Stalled && matches!(method, Method::Lbfgs | Method::Multigrid)
+        {
+            *method = Method::Newton;
+            let done = outcome.iterations;
+            outcome = self.run_method(*method, u, target, limit.saturating_sub(done));
+            outcome.iterations += done;
+        }
+        outcome
     }
 
     pub(crate) fn run_method(

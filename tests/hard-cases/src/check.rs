@@ -3,10 +3,18 @@
 use crate::body::{Body, name};
 use crate::case::Finding;
 use nalgebra::Vector3;
-use pd_solver::{Method, Parameters, Solution, SolveOptions, Status, Stop};
+use pd_solver::{
+    AdjointOptions, AdjointStatus, Method, Parameters, Solution, SolveOptions, Status, Stop,
+};
+use rand::{Rng, SeedableRng};
+use rand_chacha::ChaCha8Rng;
 
 /// How much an energy may rise by roundoff, of the largest seen.
 const ROUNDOFF: f64 = 1e-12;
+/// Accuracy of the equilibria that a difference is taken of, in edges of an element.
+const TIGHT: f64 = 1e-10;
+/// How far a slope may be from the difference that it is compared with.
+const SLOPE: f64 = 1e-4;
 /// Limits of iterations after which the energy of a solve is looked at.
 const LIMITS: [usize; 9] = [0, 1, 2, 3, 4, 6, 10, 20, 50];
 
@@ -78,6 +86,95 @@ pub fn checked_solve(
         });
     }
     (solution, finding)
+}
+
+/// Whether a gradient that is called reliable is the slope of what it belongs to: of a loss linear in the positions, along a random change of the
+/// actuation, by a central difference of equilibria solved anew from here. Where the adjoint warns, nothing is asked of it.
+pub fn gradient_holds(
+    body: &mut Body,
+    parameters: &Parameters,
+    solution: &Solution,
+    method: Method,
+) -> Finding {
+    let mut finding = Finding::default();
+    let tight = SolveOptions {
+        max_iterations: 60,
+        ..SolveOptions::new(Stop::Accuracy(TIGHT * body.mesh.element_size()))
+            .with_method(Method::Newton)
+    };
+    // As near the equilibrium as floating point allows: the slope is that of the branch that this state is on.
+    let Ok(mut here) = body
+        .solver
+        .solve(parameters, Some(&solution.positions), &tight)
+    else {
+        return finding;
+    };
+    if here.status == Status::Stalled {
+        here.status = Status::Converged;
+    }
+    let mut rng = ChaCha8Rng::seed_from_u64(11);
+    let cotangent: Vec<Vector3<f64>> = here
+        .positions
+        .iter()
+        .map(|_| Vector3::from_fn(|_, _| rng.random_range(-1.0..1.0)))
+        .collect();
+    let adjoint = body
+        .solver
+        .adjoint(parameters, &here, &cotangent, &AdjointOptions::default())
+        .expect("a state of this body");
+    finding.negative_curvature = adjoint.stats.negative_curvature;
+    finding.see_pair_sum(adjoint.stats.smallest_pair_sum);
+    let Some(gradient) = adjoint
+        .gradient
+        .filter(|_| adjoint.status == AdjointStatus::Converged)
+    else {
+        let status = format!("{:?}", adjoint.status);
+        finding
+            .notes
+            .push(format!("{}: the adjoint says {status}", name(method)));
+        return finding;
+    };
+    let direction: Vec<[f64; 6]> = parameters
+        .actuation
+        .iter()
+        .map(|_| std::array::from_fn(|_| rng.random_range(-1.0..1.0)))
+        .collect();
+    let slope: f64 = direction
+        .iter()
+        .flatten()
+        .zip(gradient.actuation.iter().flatten())
+        .map(|(d, g)| d * g)
+        .sum();
+    let mut loss = |t: f64| -> Option<f64> {
+        let mut moved = parameters.clone();
+        let entries = moved.actuation.iter_mut().flatten();
+        entries
+            .zip(direction.iter().flatten())
+            .for_each(|(b, d)| *b += t * d);
+        let near = body
+            .solver
+            .solve(&moved, Some(&here.positions), &tight)
+            .ok()?;
+        let terms = near.positions.iter().zip(&cotangent);
+        Some(terms.map(|(x, c)| x.dot(c)).sum())
+    };
+    // Steps from large to small: where the equilibrium bends, only a small one shows its slope.
+    let mut best = f64::INFINITY;
+    for step in [1e-3, 1e-4, 1e-5, 1e-6] {
+        let at = [step, -step, 2.0 * step, -2.0 * step].map(&mut loss);
+        if let [Some(a), Some(b), Some(c), Some(d)] = at {
+            let found = (8.0 * (a - b) - (c - d)) / (12.0 * step);
+            best = best.min((found - slope).abs() / slope.abs().max(found.abs()));
+        }
+    }
+    finding.residual = best;
+    finding.require(best < SLOPE, || {
+        format!(
+            "{}: a gradient called reliable is off by {best:.1e} of itself",
+            name(method)
+        )
+    });
+    finding
 }
 
 /// Whether the energy never rises from iteration to iteration: the same solve with higher and higher limits.

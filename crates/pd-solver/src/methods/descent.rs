@@ -36,6 +36,11 @@ impl Descent {
         }
     }
 
+    /// Steps taken.
+    pub(super) fn iterations(&self) -> usize {
+        self.iterations
+    }
+
     /// Why to stop before another direction is sought, if there is a reason.
     pub(super) fn stop(&self, target: &Target, max_iterations: usize) -> Option<Status> {
         if !(self.energy.is_finite() && self.gradient_norm.is_finite()) {

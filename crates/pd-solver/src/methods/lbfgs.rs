@@ -20,6 +20,9 @@ const SAFETY: f64 = 2.0;
 /// true Hessian is softer than the projected one.
 const TRUSTED_HISTORY: usize = 3;
 const TRUSTED_HISTORY_OF_CYCLE: usize = 2;
+/// Steps after which a method whose preconditioner follows the state gives up: it creeps along a valley that is flat by the true Hessian, where
+/// Newton steps are long.
+const PATIENCE: usize = 200;
 /// Residual of the Newton step that verifies an error estimate; and where the preconditioner is blind to something soft, for which only
 /// a small residual speaks.
 const VERIFIED: f64 = 0.1;
@@ -180,6 +183,9 @@ pub(crate) fn lbfgs(
     let status = loop {
         if let Some(status) = descent.stop(target, max_iterations) {
             break status;
+        }
+        if pre.follows() && descent.iterations() >= PATIENCE {
+            break Status::Stalled;
         }
         history.direction(pre, space);
         let mut length = max_norm(&space.direction);

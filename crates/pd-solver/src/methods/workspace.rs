@@ -39,6 +39,8 @@ pub(crate) struct KrylovSpace {
     pub(crate) z: NodalVector,
     pub(crate) d: NodalVector,
     pub(crate) q: NodalVector,
+    /// Steps of the last solve, and the factors that its directions were mixed by.
+    pub(crate) lanczos: Vec<(f64, f64)>,
 }
 
 impl Workspace {
