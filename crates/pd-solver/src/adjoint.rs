@@ -75,6 +75,7 @@ pub(crate) fn adjoint(
     let b = &mut space.scratch;
     b.copy_from_slice(cotangent);
     problem.clear_prescribed(b);
+    problem.make_consistent(u, b);
     let scale = norm(b);
     if scale > 0.0 {
         b.iter_mut().for_each(|b| *b /= scale);

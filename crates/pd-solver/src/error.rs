@@ -60,9 +60,20 @@ pub enum SolverError {
     /// A connected part of the body that could move freely as a rigid body.
     #[error(
         "{count} connected nodes around node {node} are held by nothing, so their position is not determined: \
-         prescribe at least one of them or attach a spring"
+         prescribe at least one of them, attach a spring, or let them float by the effect `floating`"
     )]
     NotHeld {
+        /// One node of the part.
+        node: usize,
+        /// Nodes in the part.
+        count: usize,
+    },
+    /// A part that nothing holds, but weight pulls.
+    #[error(
+        "{count} connected nodes around node {node} are held by nothing, and gravity pulls: they would fall for ever. Prescribe at least one \
+         of them, attach a spring, or take the gravity away"
+    )]
+    Falls {
         /// One node of the part.
         node: usize,
         /// Nodes in the part.

@@ -27,6 +27,7 @@ mod assembly;
 mod constant;
 mod effects;
 mod error;
+mod floating;
 mod forest;
 mod krylov;
 mod measure;

@@ -3,10 +3,11 @@
 use crate::constant::ConstantSystem;
 use crate::effects::{Batches, CoarseView, Effect, build, springs::Springs};
 use crate::error::SolverError;
-use crate::multigrid::{DisjointSets, ElementForm, Hierarchy};
+use crate::floating::{FloatingPart, PIN};
+use crate::multigrid::{ElementForm, Hierarchy};
 use crate::solution::Work;
 use crate::spec::{EffectSpec, Parameters};
-use crate::vector::NodalVector;
+use crate::vector::{NodalVector, norm};
 use hex_mesh::HexMesh;
 use nalgebra::Vector3;
 use std::time::{Duration, Instant};
@@ -15,9 +16,16 @@ use std::time::{Duration, Instant};
 /// stiffness times the edge of a fine element: stiff against the flesh around, which is all that a start needs.
 const ANCHOR: f64 = 4.0;
 
+/// Share of a gradient that is roundoff once motions as a whole are taken out of it.
+const CONSISTENT: f64 = 1e-13;
+
 /// Everything the methods need to know of a body.
 pub(crate) struct Problem {
     effects: Vec<Box<dyn Effect>>,
+    /// Parts that nothing holds. On coarser grids their place does not matter.
+    pub(crate) floating: Vec<FloatingPart>,
+    /// What holds those in preconditioners, and only there: their Hessian is singular.
+    pins: Option<Box<dyn Effect>>,
     pub(crate) prescribed: Vec<u32>,
     pub(crate) rest: NodalVector,
     pub(crate) rest_parameters: Parameters,
@@ -37,15 +45,32 @@ impl Problem {
             prescribed,
             rest: rest_parameters,
             anchored,
+            may_float,
             elastic_stiffness,
         } = build(mesh, specs)?;
-        require_held(mesh, prescribed.iter().chain(&anchored))?;
+        let floating = FloatingPart::find(mesh, prescribed.iter().chain(&anchored));
+        if let Some(part) = floating.first() {
+            let (node, count) = (part.nodes[0] as usize, part.nodes.len());
+            if !may_float {
+                return Err(SolverError::NotHeld { node, count });
+            }
+            if !rest_parameters.acceleration.is_empty() {
+                return Err(SolverError::Falls { node, count });
+            }
+        }
+        let pins = pins(
+            &floating,
+            elastic_stiffness * mesh.element_size(),
+            mesh.nodes(),
+        );
         let work = Work {
             effect_bytes: effects.iter().map(|e| e.bytes()).sum(),
             ..Work::default()
         };
         Ok(Self {
             effects,
+            floating,
+            pins,
             prescribed,
             rest: mesh.nodes().to_vec(),
             rest_parameters,
@@ -79,6 +104,8 @@ impl Problem {
         };
         Self {
             effects,
+            floating: Vec::new(),
+            pins: self.pins.as_ref().map(|pins| pins.coarsen(&view)),
             prescribed,
             rest,
             rest_parameters,
@@ -104,10 +131,15 @@ impl Problem {
         self.effects.push(Box::new(springs));
     }
 
+    /// What preconditioners are made of.
+    fn in_preconditioners(&self) -> impl Iterator<Item = &Box<dyn Effect>> {
+        self.effects.iter().chain(&self.pins)
+    }
+
     /// Linear forms of the effects (springs), each given to one element that holds all its nodes.
     pub(crate) fn element_forms(&self, elements: &[[u32; 8]]) -> Vec<ElementForm> {
         let mut any = false;
-        for effect in &self.effects {
+        for effect in self.in_preconditioners() {
             effect.for_each_form(&mut |_, _, _| any = true);
         }
         let mut forms = Vec::new();
@@ -123,7 +155,7 @@ impl Problem {
                 next[element][corner] = std::mem::replace(head, (element * 8 + corner) as u32);
             }
         }
-        for effect in &self.effects {
+        for effect in self.in_preconditioners() {
             effect.for_each_form(&mut |nodes, weights, stiffness| {
                 let mut at = first_element[nodes[0] as usize];
                 while at != u32::MAX {
@@ -151,7 +183,8 @@ impl Problem {
     pub(crate) fn constant_system(&self) -> Result<ConstantSystem, SolverError> {
         let free = self.free();
         ConstantSystem::factor(&free, &self.rest, self.element_size, |matrix| {
-            self.effects.iter().for_each(|e| e.add_constant(matrix));
+            self.in_preconditioners()
+                .for_each(|e| e.add_constant(matrix));
         })
     }
 
@@ -164,6 +197,25 @@ impl Problem {
         (0..self.len() as u32)
             .filter(|&n| !held[n as usize])
             .collect()
+    }
+
+    /// Moves the parts that float to where the convention wants them.
+    pub(crate) fn align_floating(&self, u: &mut [Vector3<f64>]) {
+        self.floating.iter().for_each(|part| part.align(u));
+    }
+
+    /// Makes the gradient `b` by the positions at an aligned `u` one that parts which float can answer.
+    pub(crate) fn make_consistent(&self, u: &[Vector3<f64>], b: &mut [Vector3<f64>]) {
+        if self.floating.is_empty() {
+            return;
+        }
+        let before = norm(b);
+        let parts = self.floating.iter();
+        parts.for_each(|part| part.make_consistent(u, b));
+        // What only moves parts as a whole leaves roundoff, which is no right-hand side for a singular matrix.
+        if norm(b) <= CONSISTENT * before {
+            b.fill(Vector3::zeros());
+        }
     }
 
     /// Number of nodes.
@@ -248,28 +300,12 @@ impl Problem {
     }
 }
 
-/// Every connected part needs at least one node that is held, or its position is not determined.
-fn require_held<'a>(
-    mesh: &HexMesh,
-    held: impl Iterator<Item = &'a u32>,
-) -> Result<(), SolverError> {
-    let count = mesh.nodes().len();
-    let mut parts = DisjointSets::new(count);
-    for element in mesh.elements() {
-        for &node in &element[1..] {
-            parts.join(element[0], node);
-        }
+/// Weak springs at all nodes of parts that float; nothing where there are none.
+fn pins(floating: &[FloatingPart], unit: f64, rest: &[Vector3<f64>]) -> Option<Box<dyn Effect>> {
+    let nodes = floating.iter().flat_map(|part| &part.nodes);
+    let forms: Vec<_> = nodes.map(|&n| (vec![n], vec![1.0])).collect();
+    if forms.is_empty() {
+        return None;
     }
-    let mut is_held = vec![false; count];
-    for &node in held {
-        is_held[parts.root(node) as usize] = true;
-    }
-    for node in 0..count {
-        let root = parts.root(node as u32);
-        if !is_held[root as usize] {
-            let count = (0..count as u32).filter(|&i| parts.root(i) == root).count();
-            return Err(SolverError::NotHeld { node, count });
-        }
-    }
-    Ok(())
+    Some(Box::new(Springs::from_forms(forms, PIN * unit, 0, rest)))
 }

@@ -92,6 +92,7 @@ impl Solver {
             *v = Vector3::from_fn(|_, _| number(&mut state));
         }
         problem.clear_prescribed(&mut space.scratch);
+        problem.make_consistent(u, &mut space.scratch);
         let mut system = System { problem, pre };
         let (b, krylov) = (&space.scratch, &mut space.krylov);
         solve_at(&mut system, u, b, krylov, false, LOOKED, MAX_LOOKS).status

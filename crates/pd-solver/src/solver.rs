@@ -45,7 +45,7 @@ impl Solver {
     /// Builds the solver.
     ///
     /// # Errors
-    /// When an effect is not valid on this mesh, a part of the body is held by nothing, or a factorisation fails.
+    /// When an effect is not valid on this mesh, a part of the body is held by nothing and may not float, or a factorisation fails.
     pub fn new(mesh: &HexMesh, effects: &[EffectSpec]) -> Result<Self, SolverError> {
         let start = Instant::now();
         let problem = Problem::new(mesh, effects)?;
@@ -378,6 +378,7 @@ impl Solver {
         if options.measure_error {
             self.measure(method, u, target, limit, &mut outcome);
         }
+        self.problem.align_floating(u);
         let stats = SolveStats {
             iterations: outcome.iterations,
             coarse_iterations,

@@ -20,6 +20,9 @@ pub enum EffectSpec {
         #[serde(default = "unit")]
         stiffness: f64,
     },
+    /// Parts of the body that nothing holds may float: of all the places that their shape can have they take the one with the centroid of rest
+    /// and the orientation nearest to rest. Without this effect a part that nothing holds is refused.
+    Floating {},
     /// Nodes whose positions are given with every solve, fixed or moving.
     Prescribed {
         /// Which nodes.
@@ -46,6 +49,7 @@ impl EffectSpec {
     pub fn kind(&self) -> &'static str {
         match self {
             EffectSpec::Elasticity { .. } => "elasticity",
+            EffectSpec::Floating {} => "floating",
             EffectSpec::Prescribed { .. } => "prescribed",
             EffectSpec::Springs { .. } => "springs",
             EffectSpec::Gravity { .. } => "gravity",

@@ -4,7 +4,7 @@ use crate::body::{Body, METHODS, elasticity, held, max_distance, name, nodes_whe
 use crate::case::{Case, Effort, Finding, Section};
 use crate::check::{checked_solve, gradient_holds};
 use hex_mesh::{HexMesh, Quadrature};
-use nalgebra::Vector3;
+use nalgebra::{Rotation3, Vector3};
 use pd_solver::{
     AdjointOptions, AdjointStatus, EffectSpec, Method, NodeSet, Parameters, SolveOptions, Solver,
     SolverError, SpringPoints, Status, Stop,
@@ -17,7 +17,7 @@ const ASKED: f64 = 1e-8;
 const NEAR: f64 = 1e-6;
 
 pub fn cases() -> Vec<Case> {
-    let all: [(&str, &str, fn(&Effort) -> Finding); 10] = [
+    let all: [(&str, &str, fn(&Effort) -> Finding); 11] = [
         (
             "one element",
             "eight nodes, one of them held: the element takes the size it wants about it, and what turns it has no resistance",
@@ -45,6 +45,11 @@ pub fn cases() -> Vec<Case> {
             "one of two components unheld",
             "nothing holds the second component: refused, with the node and the mend",
             |_| unheld(),
+        ),
+        (
+            "nothing held",
+            "a box that may float, started turned and far away: every method ends at the same place, that of the convention, and gradients follow it",
+            |_| floats(),
         ),
         (
             "all nodes held",
@@ -164,6 +169,39 @@ fn swings_back(cells: [usize; 3]) -> Finding {
         &mut body,
         &parameters,
         &solution,
+        Method::Automatic,
+    ));
+    finding
+}
+
+/// A box that nothing holds, from a start that is turned and far away.
+fn floats() -> Finding {
+    let mesh = HexMesh::solid_box([9, 5, 4], 0.25, Quadrature::Eight).expect("a valid box");
+    let mut body = Body::new(mesh, &[elasticity(), EffectSpec::Floating {}]);
+    let mut rng = ChaCha8Rng::seed_from_u64(6);
+    let parameters = body.actuated(|_, _| std::array::from_fn(|_| rng.random_range(-0.2..0.2)));
+    let turn = Rotation3::new(Vector3::new(1.0, -2.0, 0.5));
+    let far = body
+        .mesh
+        .nodes()
+        .iter()
+        .map(|x| turn * x + Vector3::new(5.0, 4.0, -3.0));
+    let far: Vec<_> = far.collect();
+    let options = options(&body, Method::Automatic);
+    let (here, mut finding) = checked_solve(&mut body, &parameters, None, &options);
+    for method in METHODS {
+        let options = self::options(&body, method);
+        let (solution, part) = checked_solve(&mut body, &parameters, Some(&far), &options);
+        finding.merge(part);
+        let off = max_distance(&solution.positions, &here.positions) / body.mesh.element_size();
+        finding.require(off <= NEAR, || {
+            format!("{}: {off:.1e} edges elsewhere", name(method))
+        });
+    }
+    finding.merge(gradient_holds(
+        &mut body,
+        &parameters,
+        &here,
         Method::Automatic,
     ));
     finding

@@ -89,6 +89,8 @@ pub(crate) struct Batches {
     pub(crate) rest: Parameters,
     /// Nodes that a spring holds.
     pub(crate) anchored: Vec<u32>,
+    /// Whether parts that nothing holds may float.
+    pub(crate) may_float: bool,
     /// Energy per volume for a unit misfit.
     pub(crate) elastic_stiffness: f64,
 }
@@ -100,6 +102,7 @@ pub(crate) fn build(mesh: &HexMesh, specs: &[EffectSpec]) -> Result<Batches, Sol
         effects: Vec::new(),
         prescribed: Vec::new(),
         anchored: Vec::new(),
+        may_float: false,
         elastic_stiffness: 0.0,
         rest: Parameters {
             actuation: vec![[0.0; 6]; samples],
@@ -123,6 +126,7 @@ pub(crate) fn build(mesh: &HexMesh, specs: &[EffectSpec]) -> Result<Batches, Sol
                     .effects
                     .push(Box::new(Elasticity::from_mesh(mesh, *stiffness)));
             }
+            EffectSpec::Floating {} => batches.may_float = true,
             EffectSpec::Prescribed { nodes } => {
                 let nodes = nodes.resolve(mesh, index)?;
                 batches.prescribe(mesh, &nodes, index)?;
