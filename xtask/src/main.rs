@@ -31,6 +31,8 @@ cargo xtask COMMAND
   bench [ARGS]   run all benches of the crates (arguments begin with - and go to cargo bench)
   bench box|body|methods|kernels|warm|threads|roofline [...]
                  measure whole solves, kernels and the machine
+  faults [--kills N] [--seed S]
+                 end trainings by kill -9, full disks and the like at random moments; each is resumed and has to end with the same bytes
   ci             everything that .ci/run checks
 
 `cargo xtask train --help`, `cargo xtask bench --help`, `cargo xtask bench box --help` and the like tell more.
@@ -51,6 +53,7 @@ fn main() -> ExitCode {
         "test" => run(&tests(&rest)),
         "bench" if is_measurement(&rest) => program("myofield-bench", "myofield-bench", &rest),
         "bench" => run(&benches(&rest)),
+        "faults" => faults(&rest),
         "ci" => checks(),
         "" | "help" | "-h" | "--help" => {
             print!("{HELP}");
@@ -96,6 +99,15 @@ fn program(package: &str, name: &str, arguments: &[String]) -> ExitCode {
     words.push("--".to_string());
     words.extend_from_slice(arguments);
     become_or_run(cargo(&words))
+}
+
+/// The program that is disturbed is built first: the disturber looks for it beside itself.
+fn faults(rest: &[String]) -> ExitCode {
+    let built = run(&line("build --release --package trainer --bin myofield"));
+    if built != ExitCode::SUCCESS {
+        return built;
+    }
+    program("myofield-faults", "myofield-faults", rest)
 }
 
 /// The one list of checks is the script that guards the project.

@@ -53,8 +53,8 @@ impl Adam {
     /// The arithmetic is f64, the stored moments and parameters are f32.
     ///
     /// # Errors
-    /// [`Error::AdamSetting`], [`Error::AdamLength`] and [`Error::NonFiniteGradient`]; then neither the state nor the
-    /// parameters have changed.
+    /// [`Error::AdamSetting`], [`Error::AdamLength`], [`Error::NonFiniteGradient`], and [`Error::NonFiniteStep`] where a parameter would
+    /// leave the range of f32; then neither the state nor the parameters have changed.
     pub fn step(
         &self,
         state: &mut AdamState,
@@ -65,19 +65,48 @@ impl Adam {
         check_lengths(state, parameters, gradient)?;
         check_gradient(gradient)?;
 
+        let moved = self.moved(state.step + 1);
+        let all = || {
+            parameters
+                .iter()
+                .zip(gradient)
+                .zip(state.m.iter().zip(&state.v))
+        };
+        // Asked before anything is changed: it costs the arithmetic twice, which beside a gradient is nothing.
+        let lost = all().position(|((&p, &g), (&m, &v))| !moved(p, g, m, v).0.is_finite());
+        if let Some(index) = lost {
+            return Err(Error::NonFiniteStep {
+                index,
+                value: parameters[index],
+                lr: self.lr,
+            });
+        }
         state.step += 1;
-        let correction1 = 1.0 - self.beta1.powf(state.step as f64);
-        let correction2 = 1.0 - self.beta2.powf(state.step as f64);
         let moments = state.m.iter_mut().zip(&mut state.v);
         for ((p, &g), (m, v)) in parameters.iter_mut().zip(gradient).zip(moments) {
-            let g = f64::from(g);
-            *m = (self.beta1 * f64::from(*m) + (1.0 - self.beta1) * g) as f32;
-            *v = (self.beta2 * f64::from(*v) + (1.0 - self.beta2) * g * g) as f32;
-            let direction =
-                (f64::from(*m) / correction1) / ((f64::from(*v) / correction2).sqrt() + self.eps);
-            *p = (f64::from(*p) - self.lr * direction) as f32;
+            (*p, *m, *v) = moved(*p, g, *m, *v);
         }
         Ok(())
+    }
+
+    /// What step number `step` makes of a parameter with this gradient and these moments: the parameter and the moments.
+    fn moved(&self, step: u64) -> impl Fn(f32, f32, f32, f32) -> (f32, f32, f32) {
+        let Self {
+            lr,
+            beta1,
+            beta2,
+            eps,
+        } = *self;
+        let correction1 = 1.0 - beta1.powf(step as f64);
+        let correction2 = 1.0 - beta2.powf(step as f64);
+        move |p, g, m, v| {
+            let g = f64::from(g);
+            let m = (beta1 * f64::from(m) + (1.0 - beta1) * g) as f32;
+            let v = (beta2 * f64::from(v) + (1.0 - beta2) * g * g) as f32;
+            let direction =
+                (f64::from(m) / correction1) / ((f64::from(v) / correction2).sqrt() + eps);
+            ((f64::from(p) - lr * direction) as f32, m, v)
+        }
     }
 
     fn validate(&self) -> Result<(), Error> {

@@ -187,6 +187,18 @@ pub enum Error {
         /// The value found.
         value: f32,
     },
+    /// A step of the optimiser would leave the range of f32.
+    #[error(
+        "a step of Adam with lr = {lr} takes parameter {index} from {value} out of the range of f32; nothing was changed: lower the learning rate"
+    )]
+    NonFiniteStep {
+        /// Index in the flat parameters.
+        index: usize,
+        /// The parameter before the step.
+        value: f32,
+        /// The learning rate.
+        lr: f64,
+    },
     /// A file could not be read.
     #[error("cannot read {}: {source}", path.display())]
     Read {

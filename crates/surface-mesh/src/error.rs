@@ -17,6 +17,7 @@ pub enum SurfaceError {
         /// The file.
         path: PathBuf,
         /// What the system said.
+        #[source]
         cause: io::Error,
     },
     /// A file could not be written; nothing was left behind under its name.
@@ -25,6 +26,7 @@ pub enum SurfaceError {
         /// The file.
         path: PathBuf,
         /// What the system said.
+        #[source]
         cause: io::Error,
     },
     /// The file's extension names no known format.

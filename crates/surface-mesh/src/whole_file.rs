@@ -33,6 +33,8 @@ fn try_write(
     content(&mut writer)?;
     writer.flush()?;
     drop(writer);
+    // Before it gets its name, so that no power cut leaves an empty file under it.
+    file.as_file().sync_all()?;
     file.persist(path).map_err(|error| error.error)?;
     Ok(())
 }

@@ -43,11 +43,10 @@ impl RunningMean {
         self.count += 1;
     }
 
-    /// The mean since it was last taken; 0 of none.
-    pub fn take(&mut self) -> f64 {
-        let mean = self.sum / self.count.max(1) as f64;
-        *self = Self::default();
-        mean
+    /// The mean since it was last taken; nothing of none.
+    pub fn take(&mut self) -> Option<f64> {
+        let all = std::mem::take(self);
+        (all.count > 0).then(|| all.sum / all.count as f64)
     }
 }
 
@@ -57,7 +56,7 @@ pub struct Checkpoint {
     pub stage: Stage,
     /// Steps done in this stage.
     pub step: u64,
-    /// Steps dropped in this stage because they failed.
+    /// Steps dropped so far because they failed.
     pub dropped: u64,
     /// Bytes of the metrics file at this state.
     pub metrics_length: u64,

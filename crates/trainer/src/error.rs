@@ -1,6 +1,7 @@
 //! What can go wrong between a scene file and a trained body.
 
 use crate::frames::{FramesProblem, Place};
+use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 use thiserror::Error;
 
@@ -211,12 +212,15 @@ pub enum TrainerError {
     },
     /// Training steps failed again and again.
     #[error(
-        "{count} training steps in a row failed ({reason}); the last good state is in {}. Train anew with a lower stage2.learning_rate",
+        "{count} training steps of stage {stage} in a row failed ({reason}); the last good state is in {}. Train anew with a lower \
+         stage{stage}.learning_rate",
         checkpoint.display()
     )]
     Diverged {
         /// Failed steps in a row.
         count: usize,
+        /// 1 or 2.
+        stage: u8,
         /// Why the last one failed.
         reason: String,
         /// The last good checkpoint.
@@ -231,6 +235,19 @@ pub enum TrainerError {
         count: usize,
         /// Why the last one failed.
         reason: String,
+    },
+    /// The disk ended a training; what it had saved is there.
+    #[error(
+        "{source}; {mend}, and go on with --resume --out {}: nothing up to the last checkpoint is lost",
+        run.display()
+    )]
+    Unfinished {
+        /// The run folder.
+        run: PathBuf,
+        /// What has to be done first.
+        mend: &'static str,
+        /// What could not be written.
+        source: Box<TrainerError>,
     },
     /// Stopped by the user; everything is saved.
     #[error("stopped; go on with --resume --out {}", run.display())]
@@ -274,6 +291,46 @@ pub enum TrainerError {
     Report(#[from] report::ReportError),
 }
 
+impl TrainerError {
+    /// What to do about a disk that took no more, where that is the cause; nothing where the error says it itself.
+    pub fn mend(&self) -> Option<&'static str> {
+        if matches!(self, Self::Unfinished { .. }) {
+            return None;
+        }
+        let mut cause: Option<&dyn std::error::Error> = Some(self);
+        while let Some(error) = cause {
+            if let Some(error) = error.downcast_ref::<std::io::Error>() {
+                return disk_mend(error.kind());
+            }
+            cause = error.source();
+        }
+        None
+    }
+
+    /// The same error, with how to go on with a run where the disk ended it.
+    pub(crate) fn of_unfinished(self, run: &Path) -> Self {
+        match self.mend() {
+            None => self,
+            Some(mend) => Self::Unfinished {
+                run: run.to_path_buf(),
+                mend,
+                source: Box::new(self),
+            },
+        }
+    }
+}
+
+fn disk_mend(kind: ErrorKind) -> Option<&'static str> {
+    match kind {
+        ErrorKind::StorageFull | ErrorKind::QuotaExceeded => Some("free some space there"),
+        ErrorKind::FileTooLarge => Some("raise the limit on the size of files (ulimit -f)"),
+        ErrorKind::PermissionDenied | ErrorKind::ReadOnlyFilesystem => {
+            Some("get leave to read and write there")
+        }
+        _ => None,
+    }
+}
+
 /// What all functions of this crate return.
 pub type Result<T> = std::result::Result<T, TrainerError>;
 
@@ -299,5 +356,50 @@ pub(crate) fn suggestion(name: &str, known: &str) -> String {
     match nearest {
         Some((score, k)) if score > 0.7 => format!(" (did you mean `{k}`?)"),
         _ => String::new(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::io::Error;
+
+    /// Every crate that writes into a run: the cause is found below its error, and the mend follows it.
+    #[test]
+    fn a_full_disk_says_how_to_go_on_whoever_wrote() {
+        let path = PathBuf::from("runs/a/file");
+        let full = || Error::from(ErrorKind::StorageFull);
+        let all = [
+            file_error("write", &path)(full()),
+            TrainerError::Network(actuation_net::Error::Write {
+                path: path.clone(),
+                source: full(),
+            }),
+            TrainerError::Surface(surface_mesh::SurfaceError::Write {
+                path: path.clone(),
+                cause: full(),
+            }),
+            TrainerError::Report(report::ReportError::Write {
+                path: path.clone(),
+                source: full(),
+            }),
+        ];
+        for error in all {
+            assert_eq!(error.mend(), Some("free some space there"), "{error}");
+            let whole = error.of_unfinished(Path::new("runs/a"));
+            assert_eq!(whole.mend(), None);
+            let message = whole.to_string();
+            for part in ["runs/a/file", "free some space", "--resume --out runs/a"] {
+                assert!(message.contains(part), "{message}");
+            }
+        }
+    }
+
+    #[test]
+    fn what_no_disk_did_is_told_as_it_is() {
+        let error = file_error("read", Path::new("a"))(Error::from(ErrorKind::NotFound));
+        let before = error.to_string();
+        assert_eq!(error.mend(), None);
+        assert_eq!(error.of_unfinished(Path::new("runs/a")).to_string(), before);
     }
 }

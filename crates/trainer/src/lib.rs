@@ -19,6 +19,7 @@ pub mod dial;
 mod draw;
 pub mod error;
 pub mod evaluate;
+mod failures;
 pub mod files;
 pub mod fit;
 #[cfg(test)]

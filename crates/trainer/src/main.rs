@@ -267,7 +267,8 @@ fn main() -> ExitCode {
         // The files are there, and say that the tolerance was not met.
         Ok(false) => ExitCode::from(3),
         Err(error) => {
-            eprintln!("error: {error}");
+            let mend = error.mend().map(|mend| format!("; {mend}"));
+            eprintln!("error: {error}{}", mend.unwrap_or_default());
             let interrupted = matches!(
                 error,
                 TrainerError::Interrupted { .. }

@@ -6,10 +6,13 @@ use crate::performance::PERFORMANCE;
 use crate::rig::Rig;
 use crate::scene::{Basis, Scene};
 use crate::shapes::ChosenBasis;
-use std::fs::File;
+use std::fs::{File, TryLockError};
 use std::io::Write;
 use std::path::{Path, PathBuf};
 use surface_mesh::{MorphedSurface, read_surface, write_glb};
+
+/// The file that a process holds while it works on a run; the first that a run gets, and empty.
+const LOCK: &str = ".lock";
 
 /// A run folder that this process holds.
 #[derive(Debug)]
@@ -20,7 +23,8 @@ pub struct Run {
 }
 
 impl Run {
-    /// Starts a new run: the folder gets the scene as used, the input shapes, the bones, and the basis where it was chosen.
+    /// Starts a new run: the folder gets the scene as used, the input shapes, the bones, and the basis where it was chosen. Unfinished
+    /// files of a process that was killed while it did this are removed.
     ///
     /// # Errors
     /// When the folder holds a run already or cannot be written.
@@ -32,6 +36,8 @@ impl Run {
         basis: Option<&ChosenBasis>,
     ) -> Result<Self> {
         create_folder(folder)?;
+        // Without one, nobody began a run here, and what lies here is not ours.
+        let is_begun = folder.join(LOCK).exists();
         let run = Self::lock(folder)?;
         if run.scene_path().exists() {
             let problem = "holds a run already: go on with it by --resume, or give another --out";
@@ -39,6 +45,10 @@ impl Run {
                 path: folder.to_path_buf(),
                 problem: problem.into(),
             });
+        }
+        if is_begun {
+            remove_unfinished(folder)?;
+            remove_unfinished(&run.rig_folder())?;
         }
         write_glb(run.inputs_path(), inputs)?;
         rig.write(&run.rig_folder())?;
@@ -70,14 +80,16 @@ impl Run {
     }
 
     fn lock(folder: &Path) -> Result<Self> {
-        let path = folder.join(".lock");
+        let path = folder.join(LOCK);
         let file = File::create(&path).map_err(file_error("create", &path))?;
-        if file.try_lock().is_err() {
-            return Err(TrainerError::Run {
+        // The system takes the lock back when a process ends, however it ends: none is ever stale.
+        file.try_lock().map_err(|error| match error {
+            TryLockError::WouldBlock => TrainerError::Run {
                 path: folder.to_path_buf(),
                 problem: "another process works on this run: wait for it or stop it".into(),
-            });
-        }
+            },
+            TryLockError::Error(source) => file_error("lock", &path)(source),
+        })?;
         Ok(Self {
             folder: folder.to_path_buf(),
             _lock: file,
@@ -169,7 +181,7 @@ pub struct Metrics {
 }
 
 impl Metrics {
-    /// Opens the metrics and cuts what was written after the checkpoint that had `length` bytes.
+    /// Opens the metrics and cuts what was written after the checkpoint that had `length` bytes, and a last line that is not whole.
     ///
     /// # Errors
     /// When the file cannot be written.
@@ -178,8 +190,11 @@ impl Metrics {
         let open = || -> std::io::Result<File> {
             let mut options = File::options();
             let file = options.append(true).create(true).open(&path)?;
-            if file.metadata()?.len() > length {
-                file.set_len(length)?;
+            match file.metadata()?.len() {
+                more if more > length => file.set_len(length)?,
+                // Somebody cut it, or a disk lost its end.
+                less if less < length => file.set_len(whole_lines(&path)?)?,
+                _ => {}
             }
             Ok(file)
         };
@@ -200,10 +215,27 @@ impl Metrics {
         Ok(())
     }
 
+    /// Waits until every line is on the disk.
+    ///
+    /// # Errors
+    /// When the disk fails.
+    pub fn sync(&self) -> Result<()> {
+        self.file
+            .sync_data()
+            .map_err(file_error("write", &self.path))
+    }
+
     /// Bytes written so far.
     pub fn length(&self) -> u64 {
         self.length
     }
+}
+
+/// Bytes of a file up to its last line end.
+fn whole_lines(path: &Path) -> std::io::Result<u64> {
+    let bytes = std::fs::read(path)?;
+    let last = bytes.iter().rposition(|&b| b == b'\n');
+    Ok(last.map_or(0, |at| at as u64 + 1))
 }
 
 /// The newest run of a scene under the folder `runs`: `NAME`, or the `NAME-i` with the highest number. `NAME` where there is none.
@@ -303,6 +335,19 @@ mod tests {
         assert!(message(again).contains("--resume"));
     }
 
+    /// A process killed while it made a run left half an `inputs.glb` under another name, and the run made there afterwards kept it.
+    #[test]
+    fn what_a_killed_beginning_left_goes_and_files_of_others_stay() {
+        let folder = tempfile::tempdir().unwrap();
+        let left = folder.path().join(".tmpAb12Cd");
+        std::fs::write(&left, "half").unwrap();
+        drop(run(folder.path()));
+        assert!(left.exists(), "it was there before any run");
+        std::fs::remove_file(folder.path().join("scene.toml")).unwrap();
+        run(folder.path());
+        assert!(!left.exists());
+    }
+
     #[test]
     fn metrics_are_cut_to_the_checkpoint() {
         let folder = tempfile::tempdir().unwrap();
@@ -321,6 +366,12 @@ mod tests {
         metrics.append(&json!({ "step": 1 })).unwrap();
         assert_eq!(text(), "{\"step\":0}\n{\"step\":1}\n");
         assert_eq!(metrics.length(), text().len() as u64);
+        // A disk that lost the end: whole lines stay.
+        drop(metrics);
+        std::fs::write(run.metrics_path(), "{\"step\":0}\n{\"st").unwrap();
+        let mut metrics = Metrics::open(&run, 24).unwrap();
+        metrics.append(&json!({ "step": 1 })).unwrap();
+        assert_eq!(text(), "{\"step\":0}\n{\"step\":1}\n");
         // Somebody deleted it: training goes on with what there is.
         drop(metrics);
         std::fs::remove_file(run.metrics_path()).unwrap();

@@ -175,8 +175,25 @@ impl Regression<'_> {
     /// at the points drawn, by the weights of the shapes.
     ///
     /// # Errors
-    /// When the gradient is not finite; nothing has changed then.
-    pub fn step(&self, net: &mut impl Actuator, adam: &mut AdamState, step: u64) -> Result<f64> {
+    /// Says why the step is dropped, when the network's answer, the loss or the gradient is not finite; nothing has changed then.
+    pub fn step(
+        &self,
+        net: &mut impl Actuator,
+        adam: &mut AdamState,
+        step: u64,
+    ) -> std::result::Result<f64, String> {
+        self.try_step(net, adam, step)
+            .map_err(|error| error.to_string())?
+            .ok_or_else(|| "the loss is not finite".to_string())
+    }
+
+    /// The loss before the step; none, and no step, where it is not finite.
+    fn try_step(
+        &self,
+        net: &mut impl Actuator,
+        adam: &mut AdamState,
+        step: u64,
+    ) -> Result<Option<f64>> {
         let shapes = self.descriptors.len();
         let per_epoch = shapes.div_ceil(self.settings.batch) as u64;
         let (epoch, place) = (step / per_epoch, (step % per_epoch) as usize);
@@ -198,6 +215,9 @@ impl Regression<'_> {
         }
         let blends = self.settings.blends;
         loss += self.add_superpositions(net, blends, &mut generator, 1.0 / count, &mut gradient)?;
+        if !loss.is_finite() {
+            return Ok(None);
+        }
         let lr = draw::decayed(
             self.settings.learning_rate,
             step,
@@ -208,7 +228,7 @@ impl Regression<'_> {
             ..Adam::default()
         };
         adam_settings.step(adam, net.parameters_mut(), &gradient)?;
-        Ok(loss)
+        Ok(Some(loss))
     }
 
     /// Adds the gradient of the loss of random superpositions, each with a weight, and returns that loss.

@@ -51,26 +51,6 @@ pub enum Outcome {
     Dropped(String),
 }
 
-/// Counts dropped steps in a row.
-#[derive(Default)]
-pub(crate) struct Failures(usize);
-
-impl Failures {
-    /// So many in a row end training.
-    const MOST: usize = 20;
-
-    /// A step came through.
-    pub fn end(&mut self) {
-        self.0 = 0;
-    }
-
-    /// One more was dropped; returns how many those were when there are too many.
-    pub fn add(&mut self) -> Option<usize> {
-        self.0 += 1;
-        (self.0 >= Self::MOST).then_some(self.0)
-    }
-}
-
 /// Everything that stays the same between steps.
 pub struct ThroughSimulator<'a> {
     /// The body.
@@ -96,7 +76,7 @@ impl ThroughSimulator<'_> {
     /// Does step number `step`: one shape, started from where it was at its last visit.
     ///
     /// # Errors
-    /// When something does not fit; numbers that fail drop the step instead.
+    /// When something does not fit; numbers that fail drop the step instead, and nothing has changed then.
     pub fn step(
         &mut self,
         net: &mut impl Actuator,
@@ -168,6 +148,9 @@ impl ThroughSimulator<'_> {
         let target = &self.shapes[shape].positions;
         let loss = Loss::new(self.body, target, &self.scene.loss);
         let (mut value, node_bar) = loss.nodes(&solution.positions);
+        if !value.is_finite() {
+            return Ok(Err(format!("{name}: the loss is {value}")));
+        }
         let tolerance = self.scene.adjoint_tolerance(self.body.diagonal);
         let cotangent = self.simulator.cotangent(&reached, &node_bar, tolerance)?;
         let (mut bar, adjoint) = match cotangent {

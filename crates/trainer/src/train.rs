@@ -4,6 +4,7 @@ use crate::body::Body;
 use crate::checkpoint::{Checkpoint, RunningMean, Stage, StageError};
 use crate::error::{Result, TrainerError};
 use crate::evaluate::{self, Evaluator, ShapeResult};
+use crate::failures::Failures;
 use crate::files::create_folder;
 use crate::focus::Focus;
 use crate::progress::{Phase, note, stop_requested};
@@ -13,7 +14,7 @@ use crate::scene::Scene;
 use crate::shapes::{Shape, Shapes};
 use crate::simulator::Simulator;
 use crate::stage1::{self, Pulled, Regression};
-use crate::stage2::{self, Failures, Outcome, ThroughSimulator};
+use crate::stage2::{self, Outcome, Step, ThroughSimulator};
 use crate::table::mean_of;
 use actuation_net::{ActuationNet, AdamState, NetworkConfig};
 use pd_solver::Solver;
@@ -30,7 +31,7 @@ pub struct Trained {
     pub stage1: Vec<StageError>,
     /// Seconds of training, all sessions together.
     pub seconds: f64,
-    /// Steps that were dropped in stage 2.
+    /// Steps that were dropped because they failed, in both stages.
     pub dropped: u64,
     /// Length of the bounding box's diagonal.
     pub diagonal: f64,
@@ -76,6 +77,10 @@ pub fn check(scene: &Scene, path: &Path, inputs: &MorphedSurface, rig: &Rig) -> 
 /// When something does not fit, training diverges, the output cannot be written, or the user stops; the last checkpoint then
 /// holds the state.
 pub fn train(run: &Run) -> Result<Trained> {
+    finish(run).map_err(|error| error.of_unfinished(run.folder()))
+}
+
+fn finish(run: &Run) -> Result<Trained> {
     let scene = run.scene()?;
     let inputs = run.inputs()?;
     let rig = run.rig()?;
@@ -123,6 +128,7 @@ pub fn train(run: &Run) -> Result<Trained> {
         metrics,
         started: Instant::now(),
         last_checkpoint: Instant::now(),
+        failures: Failures::default(),
     };
     let descriptors = training.iter().map(|s| shapes.descriptor(&s.positions));
     let descriptors: Vec<Vec<f32>> = descriptors.collect::<Result<_>>()?;
@@ -235,10 +241,13 @@ struct Session<'a> {
     metrics: Metrics,
     started: Instant,
     last_checkpoint: Instant,
+    failures: Failures,
 }
 
 impl Session<'_> {
     fn save(&mut self) -> Result<()> {
+        // First: a checkpoint must not know of lines that a power cut takes away.
+        self.metrics.sync()?;
         self.state.metrics_length = self.metrics.length();
         self.state.seconds += self.started.elapsed().as_secs_f64();
         self.started = Instant::now();
@@ -254,16 +263,44 @@ impl Session<'_> {
         }
     }
 
-    /// Saves now and then, and when the user wants to stop.
+    /// Saves now and then, and when the user wants to stop; not while steps fail, see [`Session::drop_step`].
     fn between_steps(&mut self) -> Result<()> {
+        let is_good = self.failures.count() == 0;
         if stop_requested() {
-            self.save()?;
+            if is_good {
+                self.save()?;
+            }
             return Err(interrupted(self.run));
         }
-        if self.last_checkpoint.elapsed().as_secs_f64() >= self.scene.checkpoint_seconds {
+        if is_good && self.last_checkpoint.elapsed().as_secs_f64() >= self.scene.checkpoint_seconds
+        {
             self.save()?;
         }
         Ok(())
+    }
+
+    /// Tells of a step that failed and changed nothing but the count of steps; too many in a row end training.
+    ///
+    /// Before the first of them the state is saved, and then not until one comes through: what is resumed is the last good state, the
+    /// failed steps are tried and counted again, and a run that was killed among them ends as one undisturbed.
+    fn drop_step(&mut self, stage: u8, reason: &str) -> Result<()> {
+        if self.failures.count() == 0 {
+            self.save()?;
+        }
+        let step = self.state.step;
+        let line = json!({ "stage": stage, "step": step, "dropped": reason });
+        self.metrics.append(&line)?;
+        note(&format!("stage {stage}, step {step} is dropped: {reason}"));
+        self.state.dropped += 1;
+        match self.failures.add() {
+            None => Ok(()),
+            Some(count) => Err(TrainerError::Diverged {
+                count,
+                stage,
+                reason: reason.to_string(),
+                checkpoint: self.run.checkpoint_path(),
+            }),
+        }
     }
 
     fn stage1(
@@ -292,16 +329,25 @@ impl Session<'_> {
         let mut phase = Phase::new("stage 1", steps, self.state.step);
         while self.state.step < steps {
             let step = self.state.step;
-            let loss = regression.step(&mut self.state.net, &mut self.state.adam, step)?;
-            self.state.epoch_loss.add(loss);
+            match regression.step(&mut self.state.net, &mut self.state.adam, step) {
+                Ok(loss) => {
+                    self.failures.end();
+                    self.state.epoch_loss.add(loss);
+                    phase.step(|| format!("loss {loss:.2e}"));
+                }
+                Err(reason) => {
+                    self.drop_step(1, &reason)?;
+                    phase.step(|| "dropped".to_string());
+                }
+            }
             self.state.step += 1;
-            if self.state.step.is_multiple_of(per_epoch) {
+            if self.state.step.is_multiple_of(per_epoch)
+                && let Some(loss) = self.state.epoch_loss.take()
+            {
                 let epoch = self.state.step / per_epoch;
-                let line =
-                    json!({ "stage": 1, "epoch": epoch, "loss": self.state.epoch_loss.take() });
+                let line = json!({ "stage": 1, "epoch": epoch, "loss": loss });
                 self.metrics.append(&line)?;
             }
-            phase.step(|| format!("loss {loss:.2e}"));
             self.between_steps()?;
         }
         phase.finish(&format!("{steps} steps"));
@@ -357,27 +403,13 @@ impl Session<'_> {
         };
         let percent = 100.0 / self.body.diagonal;
         let mut phase = Phase::new("stage 2", steps, self.state.step);
-        let mut failures = Failures::default();
         while self.state.step < steps {
-            let step = self.state.step;
             let state = &mut self.state;
-            let outcome = simulator.step(&mut state.net, &mut state.adam, &mut state.warm, step)?;
-            state.step += 1;
-            let epoch = state.step as f64 / training.len() as f64;
-            match outcome {
+            let step = state.step;
+            match simulator.step(&mut state.net, &mut state.adam, &mut state.warm, step)? {
                 Outcome::Stepped(done) => {
-                    failures.end();
-                    let line = json!({
-                        "stage": 2, "step": step, "epoch": epoch,
-                        "shape": training[done.shape].name, "loss": done.loss,
-                        "mean_error": done.mean_error,
-                        "mean_error_percent": done.mean_error * percent,
-                        "iterations": done.forward.iterations,
-                        "adjoint_iterations": done.adjoint.iterations,
-                        "negative_curvature": done.adjoint.negative_curvature,
-                        "forward_seconds": done.forward.seconds,
-                        "adjoint_seconds": done.adjoint.seconds,
-                    });
+                    self.failures.end();
+                    let line = stage2_line(step, &done, training, percent);
                     self.metrics.append(&line)?;
                     phase.step(|| {
                         let error = done.mean_error * percent;
@@ -385,19 +417,11 @@ impl Session<'_> {
                     });
                 }
                 Outcome::Dropped(reason) => {
-                    self.state.dropped += 1;
-                    let line = json!({ "stage": 2, "step": step, "dropped": reason });
-                    self.metrics.append(&line)?;
-                    phase.step(|| format!("dropped: {reason}"));
-                    if let Some(count) = failures.add() {
-                        return Err(TrainerError::Diverged {
-                            count,
-                            reason,
-                            checkpoint: self.run.checkpoint_path(),
-                        });
-                    }
+                    self.drop_step(2, &reason)?;
+                    phase.step(|| "dropped".to_string());
                 }
             }
+            self.state.step += 1;
             self.between_steps()?;
         }
         phase.finish(&format!("{steps} steps, {} dropped", self.state.dropped));
@@ -405,6 +429,21 @@ impl Session<'_> {
         self.state.stage = Stage::Done;
         self.save()
     }
+}
+
+/// What the metrics keep of a step of stage 2.
+fn stage2_line(step: u64, done: &Step, training: &[&Shape], percent: f64) -> serde_json::Value {
+    json!({
+        "stage": 2, "step": step, "epoch": (step + 1) as f64 / training.len() as f64,
+        "shape": training[done.shape].name, "loss": done.loss,
+        "mean_error": done.mean_error,
+        "mean_error_percent": done.mean_error * percent,
+        "iterations": done.forward.iterations,
+        "adjoint_iterations": done.adjoint.iterations,
+        "negative_curvature": done.adjoint.negative_curvature,
+        "forward_seconds": done.forward.seconds,
+        "adjoint_seconds": done.adjoint.seconds,
+    })
 }
 
 #[cfg(test)]

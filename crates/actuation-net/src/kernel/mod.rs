@@ -4,6 +4,8 @@
 //! at run time, and the call of the matrix product on raw pointers after its bounds have been checked.
 #![allow(unsafe_code)]
 
+#[cfg(test)]
+mod edges;
 mod level;
 mod product;
 mod rows;

@@ -128,6 +128,7 @@ mod tests {
     }
 
     #[test]
+    #[cfg_attr(miri, ignore = "millions of arguments take an interpreter for ever")]
     fn sine_and_cosine_are_accurate_up_to_300() {
         for level in Level::available() {
             let grid = (-2_000_000..=2_000_000).map(|i| i as f32 * 1.5e-4);

@@ -54,7 +54,11 @@ pub(super) fn save(path: &Path, json: &Value, binary: Vec<u8>) -> Result<(), Sur
         bin: Some(Cow::Owned(binary)),
     };
     write_whole(path, |out| {
-        glb.to_writer(out).map_err(std::io::Error::other)
+        // As the system said it, so that a full disk can be told from others.
+        glb.to_writer(out).map_err(|error| match error {
+            gltf::Error::Io(cause) => cause,
+            other => std::io::Error::other(other),
+        })
     })
 }
 

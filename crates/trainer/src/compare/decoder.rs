@@ -2,12 +2,13 @@
 
 use super::{CompareRequest, check_stop};
 use crate::error::{Result, TrainerError};
+use crate::failures::Failures;
 use crate::focus::Focus;
 use crate::progress::{Phase, note};
 use crate::scene::{Scene, Stage1};
 use crate::simulator::Simulator;
 use crate::stage1::{self, Regression};
-use crate::stage2::{self, Failures, Outcome, ThroughSimulator};
+use crate::stage2::{self, Outcome, ThroughSimulator};
 use crate::trained::Trained;
 use actuation_net::{AdamState, DecoderConfig, ExplicitDecoder, TensorFile};
 use nalgebra::Vector3;
@@ -192,11 +193,15 @@ fn train(
         let per_epoch = training.len().div_ceil(whole.batch) as u64;
         let (mut pilot, regression) = (decoder.clone(), regression(&whole));
         let mut adam = AdamState::new(pilot.parameter_count());
-        let step = seconds_per_step(|i| regression.step(&mut pilot, &mut adam, i).map(drop))?;
+        let step = seconds_per_step(|i| {
+            // A step that is dropped takes as long.
+            let _ = regression.step(&mut pilot, &mut adam, i);
+            Ok(())
+        })?;
         settings.epochs = epochs_within(left, step, per_epoch).min(whole.epochs);
     }
     let regression = regression(&settings);
-    let stage1_steps = regress(&regression, decoder)?;
+    let (stage1_steps, dropped) = regress(&regression, decoder)?;
 
     let hastened: Scene;
     let mut simulator = ThroughSimulator {
@@ -220,13 +225,13 @@ fn train(
         hastened = changed;
         simulator.scene = &hastened;
     }
-    let (stage2_steps, dropped) = through_simulator(&mut simulator, decoder, &mut warm)?;
+    let (stage2_steps, more) = through_simulator(&mut simulator, decoder, &mut warm)?;
     Ok(Training {
         seconds: clock.elapsed().as_secs_f64(),
         seconds_asked: seconds,
         stage1_steps,
         stage2_steps,
-        dropped,
+        dropped: dropped + more,
     })
 }
 
@@ -247,17 +252,30 @@ fn epochs_within(seconds: f64, per_step: f64, steps_per_epoch: u64) -> usize {
     (epochs.floor() as usize).max(1)
 }
 
-fn regress(regression: &Regression, decoder: &mut ExplicitDecoder) -> Result<u64> {
+/// Returns the steps, and how many of them were dropped.
+fn regress(regression: &Regression, decoder: &mut ExplicitDecoder) -> Result<(u64, u64)> {
     let steps = stage1::steps(regression.settings, regression.descriptors.len());
     let mut adam = AdamState::new(decoder.parameter_count());
     let mut phase = Phase::new("decoder 1", steps, 0);
+    let (mut failures, mut dropped) = (Failures::default(), 0);
     for step in 0..steps {
         check_stop()?;
-        let loss = regression.step(decoder, &mut adam, step)?;
-        phase.step(|| format!("loss {loss:.2e}"));
+        match regression.step(decoder, &mut adam, step) {
+            Ok(loss) => {
+                failures.end();
+                phase.step(|| format!("loss {loss:.2e}"));
+            }
+            Err(reason) => {
+                dropped += 1;
+                if let Some(count) = failures.add() {
+                    return Err(TrainerError::DecoderDiverged { count, reason });
+                }
+                phase.step(|| format!("dropped: {reason}"));
+            }
+        }
     }
-    phase.finish(&format!("{steps} steps"));
-    Ok(steps)
+    phase.finish(&format!("{steps} steps, {dropped} dropped"));
+    Ok((steps, dropped))
 }
 
 /// Returns the steps, and how many of them were dropped.
