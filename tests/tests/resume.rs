@@ -105,7 +105,7 @@ fn training_does_not_depend_on_time_or_threads() {
     let first = undisturbed(&tiny, "first");
     let second = undisturbed(&tiny, "second");
     assert_same(&second, &first);
-    for threads in ["1", "3"] {
+    for threads in ["1", "2", "3"] {
         let mut alone = training(&tiny, threads, &[]);
         succeeds(&alone.env("RAYON_NUM_THREADS", threads).output().unwrap());
         assert_same(&tiny.path(threads), &first);

@@ -350,6 +350,8 @@ impl Session<'_> {
             }
             self.between_steps()?;
         }
+        // A run that is resumed behind this does not know of them.
+        self.failures.end();
         phase.finish(&format!("{steps} steps"));
         Ok(())
     }

@@ -49,7 +49,7 @@ impl Kills {
 }
 
 /// Kills trainings until it was done `wanted` times, each after a time that is uniform over a whole run or, where a run is resumed, over
-/// half of one; goes on with each until it ends, on one to three threads, and compares it. The seed settles the times; `told` hears of every run that ended.
+/// half of one and a little more with every kill; goes on with each until it ends, on one to three threads, and compares it. The seed settles the times; `told` hears of every run that ended.
 ///
 /// # Errors
 /// When a training fails, a checkpoint is damaged, or a run ends with other bytes.
@@ -77,7 +77,8 @@ pub fn kill_trainings(
             let longest = match (random.random_ratio(1, SOON), own) {
                 (true, _) => AT_ONCE.min(whole),
                 (_, 0) => whole,
-                _ => whole / 2,
+                // Longer and longer, for a machine that has more to do than when the undisturbed run was timed.
+                _ => whole.mul_f64(0.5 + 0.1 * f64::from(own)),
             };
             let after = longest.mul_f64(random.random());
             let mut child = setting.start(&run, &start)?;
