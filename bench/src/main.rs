@@ -67,7 +67,7 @@ fn main() -> ExitCode {
             ExitCode::from(NOT_CONVERGED)
         }
         Err(error) => {
-            eprintln!("error: {error}");
+            eprintln!("error: {}", surface_mesh::printable(&error.to_string()));
             ExitCode::FAILURE
         }
     }

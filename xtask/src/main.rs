@@ -33,6 +33,9 @@ cargo xtask COMMAND
                  measure whole solves, kernels and the machine
   faults [--kills N] [--seed S]
                  end trainings by kill -9, full disks and the like at random moments; each is resumed and has to end with the same bytes
+  fuzz [READER]... [--executions N] [--seconds S] [--seed S]
+  fuzz READER --replay FILE
+                 give every reader of files input that is damaged on purpose; read one such file again
   ci             everything that .ci/run checks
 
 `cargo xtask train --help`, `cargo xtask bench --help`, `cargo xtask bench box --help` and the like tell more.
@@ -49,6 +52,11 @@ fn main() -> ExitCode {
         }
         "accuracy" => program("accuracy", "myofield-accuracy", &rest),
         "hard-cases" => program("myofield-hard-cases", "myofield-hard-cases", &rest),
+        "fuzz" => {
+            // With the checks of arithmetic that a release build leaves out.
+            let words = line("run --quiet --profile fuzz --package myofield-fuzz --");
+            become_or_run(cargo(&[words, rest].concat()))
+        }
         "import" => program("import", "myofield-import", &rest),
         "test" => run(&tests(&rest)),
         "bench" if is_measurement(&rest) => program("myofield-bench", "myofield-bench", &rest),

@@ -140,7 +140,7 @@ fn main() -> ExitCode {
     match done {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
-            eprintln!("error: {error}");
+            eprintln!("error: {}", surface_mesh::printable(&error.to_string()));
             ExitCode::FAILURE
         }
     }

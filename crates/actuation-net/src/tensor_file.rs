@@ -37,17 +37,26 @@ impl TensorFile {
     /// # Errors
     /// [`Error::Read`] and [`Error::Malformed`], the latter for truncated files too.
     pub fn read(path: impl AsRef<Path>) -> Result<Self, Error> {
-        let path = path.as_ref().to_path_buf();
-        let bytes = std::fs::read(&path).map_err(|source| Error::Read {
-            path: path.clone(),
+        let path = path.as_ref();
+        let bytes = std::fs::read(path).map_err(|source| Error::Read {
+            path: path.to_path_buf(),
             source,
         })?;
+        Self::parse(&bytes, path)
+    }
+
+    /// As [`TensorFile::read`], from the content of a file that is at hand already; `path` is what errors call it.
+    ///
+    /// # Errors
+    /// [`Error::Malformed`].
+    pub fn parse(bytes: &[u8], path: impl AsRef<Path>) -> Result<Self, Error> {
+        let path = path.as_ref().to_path_buf();
         let malformed = |source| Error::Malformed {
             path: path.clone(),
             source,
         };
-        let (_, header) = SafeTensors::read_metadata(&bytes).map_err(malformed)?;
-        let stored = SafeTensors::deserialize(&bytes).map_err(malformed)?;
+        let (_, header) = SafeTensors::read_metadata(bytes).map_err(malformed)?;
+        let stored = SafeTensors::deserialize(bytes).map_err(malformed)?;
         let tensors = stored
             .iter()
             .map(|(name, view)| {

@@ -46,6 +46,16 @@ pub enum ImportError {
         /// What is wrong with it.
         cause: zip::result::ZipError,
     },
+    /// A packed file that unpacks to far more than a file of the source could.
+    #[error("{}: its {packed} packed bytes unpack to more than {most}; that is no file of this source, get it anew", path.display())]
+    Bomb {
+        /// The file.
+        path: PathBuf,
+        /// Its size as it is packed.
+        packed: u64,
+        /// The most bytes that are believed.
+        most: u64,
+    },
     /// A place holder of Git LFS instead of the file.
     #[error("{}: only a pointer of Git LFS; fetch the file itself with `git lfs pull`", path.display())]
     LfsPointer {

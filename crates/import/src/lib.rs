@@ -15,7 +15,7 @@ pub use close::{Closed, close_holes};
 pub use error::{ImportError, Result};
 pub use ict::{ICT_FACEKIT, IctLayout, import_ict_facekit};
 pub use jaw::{JawMotions, RigidFit, fit_rigid, jaw_json, jaw_motion};
-pub use makehuman::{Axis, Makehuman, Pose, PoseSet, Turn, import_makehuman};
+pub use makehuman::{Axis, Makehuman, Pose, PoseSet, Turn, import_makehuman, parse_target};
 pub use part::part;
 pub use source::{Origin, Source};
 pub use staging::Staging;

@@ -5,6 +5,7 @@ use std::process::ExitCode;
 
 use clap::{Args, Parser, Subcommand};
 use import::{ICT_FACEKIT, Makehuman, Result, import_ict_facekit, import_makehuman};
+use surface_mesh::printable;
 
 /// Prepares a face or a body for training from a public source that you have downloaded.
 #[derive(Parser)]
@@ -42,7 +43,10 @@ fn main() -> ExitCode {
     match run(Cli::parse().source) {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
-            eprintln!("error: {error}");
+            // A report on a surface has several lines.
+            let text = error.to_string();
+            let lines: Vec<_> = text.lines().map(printable).collect();
+            eprintln!("error: {}", lines.join("\n"));
             ExitCode::FAILURE
         }
     }

@@ -13,6 +13,7 @@ use crate::staging::Staging;
 use crate::summary::{BodySummary, FaceSummary};
 
 use assets::Assets;
+pub use assets::parse_target;
 pub use poses::{Axis, Pose, PoseSet, Turn};
 
 /// What is this project's choice in the import.

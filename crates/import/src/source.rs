@@ -1,7 +1,7 @@
 //! A source as a folder or as a zip archive, with the same names in both.
 
 use std::fs::File;
-use std::io::{BufReader, Read};
+use std::io::{BufReader, Cursor, Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
 
 use zip::ZipArchive;
@@ -30,13 +30,20 @@ pub struct Source {
 enum Store {
     Folder,
     Archive {
-        archive: ZipArchive<BufReader<File>>,
+        archive: ZipArchive<Box<dyn Seekable>>,
+        /// Its size in bytes.
+        size: u64,
         /// All names in it.
         names: Vec<String>,
         /// What the names of the source's files begin with.
         prefix: String,
     },
 }
+
+/// What an archive is read from.
+trait Seekable: Read + Seek {}
+
+impl<T: Read + Seek> Seekable for T {}
 
 /// How a file begins that Git LFS has not fetched.
 const LFS_POINTER: &[u8] = b"version https://git-lfs.github.com/spec/";
@@ -65,11 +72,30 @@ impl Source {
             });
         }
         let file = File::open(place).map_err(file_error("read", place))?;
-        let archive =
-            ZipArchive::new(BufReader::new(file)).map_err(|cause| ImportError::Archive {
-                path: place.into(),
-                cause,
-            })?;
+        Self::archive(Box::new(BufReader::new(file)), place, origin)
+    }
+
+    /// As [`Source::open`], from the content of a zip file that is at hand already; `place` is what errors call it.
+    ///
+    /// # Errors
+    /// [`ImportError::NotTheSource`], [`ImportError::Archive`].
+    pub fn from_archive(bytes: Vec<u8>, place: &Path, origin: Origin) -> Result<Self> {
+        Self::archive(Box::new(Cursor::new(bytes)), place, origin)
+    }
+
+    fn archive(mut content: Box<dyn Seekable>, place: &Path, origin: Origin) -> Result<Self> {
+        let absent = || ImportError::NotTheSource {
+            place: place.into(),
+            marker: origin.marker,
+            obtain: origin.obtain,
+        };
+        let size = content
+            .seek(SeekFrom::End(0))
+            .map_err(file_error("read", place))?;
+        let archive = ZipArchive::new(content).map_err(|cause| ImportError::Archive {
+            path: place.into(),
+            cause,
+        })?;
         // A name that is no text belongs to none of the files that are asked for.
         let names = archive.file_names().flatten().map(String::from);
         let names: Vec<String> = names.collect();
@@ -84,6 +110,7 @@ impl Source {
             root: place.join(&prefix),
             store: Store::Archive {
                 archive,
+                size,
                 names,
                 prefix,
             },
@@ -166,17 +193,19 @@ impl Source {
         let bytes = match &mut self.store {
             Store::Folder => std::fs::read(&path).map_err(file_error("read", &path))?,
             Store::Archive {
-                archive, prefix, ..
+                archive,
+                size,
+                prefix,
+                ..
             } => {
                 let damaged = |cause| ImportError::Archive {
                     path: path.clone(),
                     cause,
                 };
                 let entry = archive.by_name(&format!("{prefix}{name}"));
-                let mut bytes = Vec::new();
-                let read = entry.map_err(damaged)?.read_to_end(&mut bytes);
-                read.map_err(file_error("read", &path))?;
-                bytes
+                let entry = entry.map_err(damaged)?;
+                let packed = entry.compressed_size().min(*size);
+                unpacked(entry, packed, &path)?
             }
         };
         if bytes.starts_with(LFS_POINTER) {
@@ -195,5 +224,29 @@ impl Source {
             path: self.path(name),
             cause,
         })
+    }
+}
+
+/// How many times as large as it is packed a file of a source may be. Texts of numbers reach 10, and what says nothing 1000.
+const MOST_UNPACKED: u64 = 64;
+/// What any file may unpack to, in bytes.
+const ALWAYS_UNPACKED: u64 = 1 << 20;
+
+/// The whole of a packed stream that takes `packed` bytes.
+///
+/// # Errors
+/// [`ImportError::Bomb`] when it goes on and on, or [`ImportError::File`].
+pub(crate) fn unpacked(stream: impl Read, packed: u64, path: &Path) -> Result<Vec<u8>> {
+    let most = packed.saturating_mul(MOST_UNPACKED).max(ALWAYS_UNPACKED);
+    let mut bytes = Vec::new();
+    let read = stream.take(most + 1).read_to_end(&mut bytes);
+    read.map_err(file_error("unpack", path))?;
+    match bytes.len() as u64 > most {
+        true => Err(ImportError::Bomb {
+            path: path.into(),
+            packed,
+            most,
+        }),
+        false => Ok(bytes),
     }
 }

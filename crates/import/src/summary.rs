@@ -3,6 +3,8 @@
 use std::fmt;
 use std::path::PathBuf;
 
+use surface_mesh::printable;
+
 use crate::jaw::JawMotions;
 
 /// A face that was written.
@@ -56,7 +58,7 @@ impl fmt::Display for FaceSummary {
             write!(
                 f,
                 "; left out, as they move no skin: {}",
-                self.still.join(", ")
+                printable(&self.still.join(", "))
             )?;
         }
         writeln!(f)?;
@@ -70,6 +72,7 @@ impl fmt::Display for FaceSummary {
                 degrees(fit),
                 fit.residual_rms * self.millimetres,
                 fit.residual_max * self.millimetres,
+                name = printable(name),
             )?;
         }
         Ok(())

@@ -208,7 +208,8 @@ fn tick(value: f64) -> String {
     }
 }
 
-/// The plot library takes dollar signs for mathematics.
+/// The plot library takes dollar signs for mathematics. Control characters would make the SVG no XML; as in pictures, a question mark stands
+/// for what the font lacks.
 fn literal(text: &str) -> String {
-    text.replace('$', "\\$")
+    text.replace(char::is_control, "?").replace('$', "\\$")
 }

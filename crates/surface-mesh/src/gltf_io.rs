@@ -10,5 +10,5 @@ mod write;
 
 pub use animation::{AnimationProblem, FrameAnimation, write_animated_glb};
 pub use problem::GltfProblem;
-pub use read::read_gltf;
+pub use read::{parse_gltf, read_gltf};
 pub use write::write_glb;

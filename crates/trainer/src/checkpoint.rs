@@ -126,18 +126,24 @@ impl Checkpoint {
     /// # Errors
     /// When the file is missing, damaged, or of another network.
     pub fn read(run: &Run, config: &NetworkConfig) -> Result<Self> {
-        let path = run.checkpoint_path();
-        let file = TensorFile::read(&path)?;
+        Self::from_file(&TensorFile::read(run.checkpoint_path())?, config)
+    }
+
+    /// As [`Checkpoint::read`], from a file that is at hand already.
+    ///
+    /// # Errors
+    /// When it is damaged, or of another network.
+    pub fn from_file(file: &TensorFile, config: &NetworkConfig) -> Result<Self> {
         let header = file.metadata(HEADER)?;
         let header: Header =
             serde_json::from_str(header).map_err(|e| TrainerError::Checkpoint {
-                path: path.clone(),
+                path: file.path().to_path_buf(),
                 problem: format!(
                     "its header cannot be read ({e}); it is of another version or damaged"
                 ),
             })?;
-        let net = ActuationNet::from_file_with(&file, "network.", config)?;
-        let adam = AdamState::from_file(&file, "adam.", net.parameter_count())?;
+        let net = ActuationNet::from_file_with(file, "network.", config)?;
+        let adam = AdamState::from_file(file, "adam.", net.parameter_count())?;
         let bits = file.u64_tensor("warm_starts", &[header.shapes, header.nodes, 3])?;
         let positions: Vec<Vector3<f64>> = bits
             .chunks_exact(3)

@@ -1,6 +1,8 @@
 //! Curves of weights in a CSV file: a column for every shape, a line for every frame.
 
 use crate::frames::{FramesProblem, NamedWeights, Place, Wrong};
+use std::collections::HashMap;
+use std::rc::Rc;
 
 /// Name of the first column where it names the frames.
 const NAMES: &str = "frame";
@@ -21,7 +23,7 @@ pub(crate) fn parse(text: &str, names_column: bool) -> Result<Vec<NamedWeights>,
         Ok(columns) => columns,
         Err(problem) => return Err((at_header, problem)),
     };
-    let named = names_column && columns[0] == NAMES;
+    let named = names_column && &*columns[0] == NAMES;
     if named && columns.len() == 1 {
         return Err((at_header, FramesProblem::NoShapes));
     }
@@ -39,18 +41,20 @@ pub(crate) fn parse(text: &str, names_column: bool) -> Result<Vec<NamedWeights>,
     Ok(frames)
 }
 
-fn header_columns(line: &str) -> Result<Vec<String>, FramesProblem> {
-    let columns = cells(line)?;
+fn header_columns(line: &str) -> Result<Vec<Rc<str>>, FramesProblem> {
+    let columns: Vec<Rc<str>> = cells(line)?.into_iter().map(Rc::from).collect();
     if let ([_], Some(found)) = (columns.as_slice(), other_separator(line)) {
         return Err(FramesProblem::Separator { found });
     }
+    // Comparing each with each would take minutes for a line of a megabyte.
+    let mut seen = HashMap::new();
     for (i, name) in columns.iter().enumerate() {
         if name.is_empty() {
             return Err(FramesProblem::UnnamedColumn { column: i + 1 });
         }
-        if let Some(first) = columns[..i].iter().position(|n| n == name) {
+        if let Some(first) = seen.insert(name, i) {
             return Err(FramesProblem::RepeatedColumn {
-                name: name.clone(),
+                name: name.to_string(),
                 first: first + 1,
                 second: i + 1,
             });
@@ -66,9 +70,10 @@ fn other_separator(line: &str) -> Option<&'static str> {
     found.map(|(_, name)| name)
 }
 
-type Row = (Option<String>, Vec<(String, f64)>);
+/// The names of columns are shared: a cell of two bytes must not cost a name.
+type Row = (Option<String>, Vec<(Rc<str>, f64)>);
 
-fn row(line: &str, columns: &[String], named: bool) -> Result<Row, FramesProblem> {
+fn row(line: &str, columns: &[Rc<str>], named: bool) -> Result<Row, FramesProblem> {
     let cells = cells(line)?;
     if cells.len() != columns.len() {
         return Err(FramesProblem::RaggedRow {
@@ -82,7 +87,7 @@ fn row(line: &str, columns: &[String], named: bool) -> Result<Row, FramesProblem
     let weights = weights.map(|(shape, text)| match text.parse() {
         Ok(weight) => Ok((shape.clone(), weight)),
         Err(_) => Err(FramesProblem::NotANumber {
-            shape: shape.clone(),
+            shape: shape.to_string(),
             text: text.clone(),
         }),
     });
@@ -132,7 +137,7 @@ mod tests {
         assert_eq!(weights("frame,a\n\"one, two\",0\n,1\n"), named);
         assert_eq!(weights("a\n"), []);
         let quoted = parse("\"a\"\"b\", \"c\"\n0,1", true).unwrap();
-        let names: Vec<&str> = quoted[0].weights.iter().map(|w| w.0.as_str()).collect();
+        let names: Vec<&str> = quoted[0].weights.iter().map(|w| &*w.0).collect();
         assert_eq!(names, ["a\"b", "c"]);
         assert_eq!(quoted[0].place, Place::Line(2));
         let shape = parse("frame,a\n0,1", false).unwrap();

@@ -47,7 +47,15 @@ pub fn write_json(path: &Path, value: &impl serde::Serialize) -> Result<()> {
 /// When the file cannot be read, or holds something else.
 pub fn read_json<T: serde::de::DeserializeOwned>(path: &Path) -> Result<T> {
     let text = std::fs::read_to_string(path).map_err(file_error("read", path))?;
-    serde_json::from_str(&text).map_err(|error| TrainerError::Json {
+    parse_json(&text, path)
+}
+
+/// As [`read_json`], from a text; `path` is what errors call it.
+///
+/// # Errors
+/// When the text holds something else.
+pub fn parse_json<T: serde::de::DeserializeOwned>(text: &str, path: &Path) -> Result<T> {
+    serde_json::from_str(text).map_err(|error| TrainerError::Json {
         path: path.to_path_buf(),
         problem: error.to_string(),
     })

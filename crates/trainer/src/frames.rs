@@ -6,8 +6,10 @@ use crate::shapes::{Shape, ShapeSet, read_matching};
 use serde::de::{Error as _, MapAccess, Visitor};
 use serde::{Deserialize, Deserializer};
 use std::borrow::Cow;
+use std::collections::HashSet;
 use std::fmt;
 use std::path::Path;
+use std::rc::Rc;
 use surface_mesh::MorphedSurface;
 
 /// Where in a file of frames something is wrong; written behind the file's name.
@@ -138,7 +140,7 @@ pub(crate) struct NamedWeights {
     /// Its name, where the file gives one.
     pub name: Option<String>,
     /// Names of shapes, each once, with their weights.
-    pub weights: Vec<(String, f64)>,
+    pub weights: Vec<(Rc<str>, f64)>,
     /// Where it stands.
     pub place: Place,
 }
@@ -162,21 +164,32 @@ pub struct Frame {
 /// [`TrainerError::File`] when the file cannot be read, and [`TrainerError::Frames`] with the line or frame and the mend: when it does
 /// not parse, has no frame, names a shape twice or one that does not exist, or holds a weight that does not lie in [0, 1].
 pub fn read_frames(path: &Path, units: &MorphedSurface) -> Result<Vec<Frame>> {
+    if !is_frames_file(path) {
+        return Err(TrainerError::Frames {
+            path: path.to_path_buf(),
+            place: Place::File,
+            problem: FramesProblem::Format,
+        });
+    }
+    let text = std::fs::read_to_string(path).map_err(file_error("read", path))?;
+    parse_frames(&text, path, units)
+}
+
+/// As [`read_frames`], from a text; `path` is what errors call it, and CSV by its extension, JSON otherwise.
+///
+/// # Errors
+/// [`TrainerError::Frames`], as [`read_frames`].
+pub fn parse_frames(text: &str, path: &Path, units: &MorphedSurface) -> Result<Vec<Frame>> {
     let wrong = |(place, problem)| TrainerError::Frames {
         path: path.to_path_buf(),
         place,
         problem,
     };
-    let is_csv = has_extension(path, "csv");
-    if !is_csv && !is_json(path) {
-        return Err(wrong((Place::File, FramesProblem::Format)));
-    }
-    let text = std::fs::read_to_string(path).map_err(file_error("read", path))?;
     // Spreadsheets begin their files with a mark of the encoding.
-    let text = text.strip_prefix('\u{feff}').unwrap_or(&text);
+    let text = text.strip_prefix('\u{feff}').unwrap_or(text);
     let named = if text.trim().is_empty() {
         Err((Place::File, FramesProblem::Empty))
-    } else if is_csv {
+    } else if has_extension(path, "csv") {
         curves::parse(text, units.target_index("frame").is_none())
     } else {
         parse_json(text)
@@ -241,10 +254,11 @@ fn over_units(frame: NamedWeights, units: &MorphedSurface) -> std::result::Resul
         let Some(index) = units.target_index(&name) else {
             let known = units.targets.iter().map(|t| t.name.as_str());
             let known = known.collect::<Vec<_>>().join(", ");
+            let name = name.to_string();
             return Err((frame.place, FramesProblem::UnknownShape { name, known }));
         };
         if !(0.0..=1.0).contains(&weight) {
-            let shape = name;
+            let shape = name.to_string();
             return Err((frame.place, FramesProblem::OutOfRange { shape, weight }));
         }
         weights[index] = weight;
@@ -265,7 +279,7 @@ struct JsonFrame {
 }
 
 /// Weights by name. A map of the standard library would keep the last of two entries of one name, and say nothing.
-struct JsonWeights(Vec<(String, f64)>);
+struct JsonWeights(Vec<(Rc<str>, f64)>);
 
 impl<'de> Deserialize<'de> for JsonWeights {
     fn deserialize<D: Deserializer<'de>>(deserializer: D) -> std::result::Result<Self, D::Error> {
@@ -281,15 +295,17 @@ impl<'de> Deserialize<'de> for JsonWeights {
                 self,
                 mut map: A,
             ) -> std::result::Result<JsonWeights, A::Error> {
-                let mut weights: Vec<(String, f64)> = Vec::new();
+                let mut weights: Vec<(Rc<str>, f64)> = Vec::new();
                 while let Some(name) = map.next_key::<String>()? {
-                    if weights.iter().any(|(n, _)| *n == name) {
-                        let twice = format!("`{name}` stands twice in one frame: keep one of them");
-                        return Err(A::Error::custom(twice));
-                    }
-                    weights.push((name, map.next_value()?));
+                    weights.push((name.into(), map.next_value()?));
                 }
-                Ok(JsonWeights(weights))
+                let mut seen = HashSet::new();
+                match weights.iter().find(|(name, _)| !seen.insert(name)) {
+                    Some((name, _)) => Err(A::Error::custom(format!(
+                        "`{name}` stands twice in one frame: keep one of them"
+                    ))),
+                    None => Ok(JsonWeights(weights)),
+                }
             }
         }
         deserializer.deserialize_map(Entries)

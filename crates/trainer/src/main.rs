@@ -4,6 +4,7 @@ use clap::{Args, Parser, Subcommand};
 use pd_solver::{Method, Stop};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
+use surface_mesh::printable;
 use trainer::compare::{CompareRequest, compare, markdown};
 use trainer::dial::with_accuracy;
 use trainer::evaluate::{EvaluationRequest, evaluate, parse_weights};
@@ -268,7 +269,8 @@ fn main() -> ExitCode {
         Ok(false) => ExitCode::from(3),
         Err(error) => {
             let mend = error.mend().map(|mend| format!("; {mend}"));
-            eprintln!("error: {error}{}", mend.unwrap_or_default());
+            let text = format!("{error}{}", mend.unwrap_or_default());
+            eprintln!("error: {}", printable(&text));
             let interrupted = matches!(
                 error,
                 TrainerError::Interrupted { .. }
@@ -300,7 +302,8 @@ fn run_train(args: &TrainArgs) -> trainer::Result<()> {
         check(&scene, &args.scene, &inputs.shapes, &rig)?;
         let basis = inputs.choose_basis(&scene)?;
         if let Some(basis) = &basis {
-            eprintln!("{:>12} {}", "descriptor", basis.summary(&scene.unit));
+            let summary = basis.summary(&scene.unit);
+            eprintln!("{:>12} {}", "descriptor", printable(&summary));
         }
         let folder = args.out.clone();
         let folder = folder.unwrap_or_else(|| next_folder(Path::new(RUNS), &scene.name));
@@ -341,7 +344,10 @@ fn run_train(args: &TrainArgs) -> trainer::Result<()> {
 }
 
 fn example_weights(results: &[trainer::evaluate::ShapeResult]) -> String {
-    let names = results.iter().take(2).map(|r| format!("{}=0.5", r.name));
+    let names = results
+        .iter()
+        .take(2)
+        .map(|r| format!("{}=0.5", printable(&r.name)));
     names.collect::<Vec<_>>().join(",")
 }
 

@@ -11,13 +11,22 @@ use std::path::Path;
 /// When the file cannot be read, is no npy file, has another type, order or shape, is truncated, or has an entry that is not
 /// finite (its place is named).
 pub fn read_f64(path: &Path, shape: &[usize]) -> Result<Vec<f64>> {
+    let bytes = std::fs::read(path).map_err(file_error("read", path))?;
+    parse_f64(&bytes, path, shape)
+}
+
+/// As [`read_f64`], from the content of a file that is at hand already; `path` is what errors call it.
+///
+/// # Errors
+/// As [`read_f64`].
+pub fn parse_f64(bytes: &[u8], path: &Path, shape: &[usize]) -> Result<Vec<f64>> {
     let wrong = |problem: String| TrainerError::Array {
         path: path.to_path_buf(),
         problem,
         expected: format!("float64, C order, shape {shape:?}, finite"),
     };
-    let bytes = std::fs::read(path).map_err(file_error("read", path))?;
-    let file = NpyFile::new(&bytes[..]).map_err(|e| wrong(format!("not an npy file ({e})")))?;
+    check_header(bytes).map_err(wrong)?;
+    let file = NpyFile::new(bytes).map_err(|e| wrong(format!("not an npy file ({e})")))?;
     let found: Vec<u64> = file.shape().to_vec();
     if found != shape.iter().map(|&n| n as u64).collect::<Vec<_>>() {
         return Err(wrong(format!("its shape is {found:?}")));
@@ -42,6 +51,44 @@ pub fn read_f64(path: &Path, shape: &[usize]) -> Result<Vec<f64>> {
         ))),
         None => Ok(values),
     }
+}
+
+/// Longer headers than any that numpy writes for numbers, in bytes.
+const LONGEST_HEADER: usize = 4096;
+/// Deeper brackets than any in such a header.
+const DEEPEST: usize = 8;
+
+/// Refuses a header that the library would choke on: it makes room for as many bytes as are claimed, up to 4 GiB, and follows brackets as
+/// deep as they go, until the stack is used up.
+fn check_header(bytes: &[u8]) -> std::result::Result<(), String> {
+    let length = match bytes {
+        [b'\x93', b'N', b'U', b'M', b'P', b'Y', 1, _, a, b, ..] => {
+            u16::from_le_bytes([*a, *b]).into()
+        }
+        [b'\x93', b'N', b'U', b'M', b'P', b'Y', _, _, a, b, c, d, ..] => {
+            u32::from_le_bytes([*a, *b, *c, *d])
+        }
+        _ => return Err("not an npy file (it does not begin with \\x93NUMPY)".into()),
+    };
+    let start = if bytes[6] == 1 { 10 } else { 12 };
+    let header = &bytes[start..];
+    if length as usize > header.len().min(LONGEST_HEADER) {
+        return Err(format!(
+            "its header claims {length} bytes: it is truncated, or no array of numbers"
+        ));
+    }
+    let mut depth = 0_usize;
+    for byte in &header[..length as usize] {
+        match byte {
+            b'(' | b'[' | b'{' => depth += 1,
+            b')' | b']' | b'}' => depth = depth.saturating_sub(1),
+            _ => {}
+        }
+        if depth > DEEPEST {
+            return Err("the brackets of its header are nested too deep".into());
+        }
+    }
+    Ok(())
 }
 
 fn place(mut flat: usize, shape: &[usize]) -> Vec<usize> {

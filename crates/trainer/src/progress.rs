@@ -4,6 +4,7 @@ use indicatif::{ProgressBar, ProgressStyle};
 use std::io::IsTerminal;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
+use surface_mesh::printable;
 
 /// Between lines where there is no terminal.
 const QUIET: Duration = Duration::from_secs(10);
@@ -43,16 +44,22 @@ impl Phase {
                 self.last_line = Instant::now();
                 let (at, of) = (self.bar.position(), self.bar.length().unwrap_or(0));
                 let left = self.bar.eta().as_secs();
-                eprintln!("{:>12} {at}/{of}  {}  {left} s left", self.name, message());
+                let message = message();
+                let message = printable(&message);
+                eprintln!("{:>12} {at}/{of}  {message}  {left} s left", self.name);
             }
         } else {
-            self.bar.set_message(message());
+            self.bar.set_message(printable(&message()).into_owned());
         }
     }
 
     /// Ends the phase with a last word.
     pub fn finish(self, message: &str) {
-        let message = format!("{message} ({:.1} s)", self.started.elapsed().as_secs_f64());
+        let message = format!(
+            "{} ({:.1} s)",
+            printable(message),
+            self.started.elapsed().as_secs_f64()
+        );
         if self.plain {
             eprintln!("{:>12} {message}", self.name);
         } else {
@@ -66,7 +73,7 @@ impl Phase {
 
 /// Says something that the user may want to know and need not act on.
 pub fn note(message: &str) {
-    eprintln!("{:>12} {message}", "note");
+    eprintln!("{:>12} {}", "note", printable(message));
 }
 
 static STOP: AtomicBool = AtomicBool::new(false);

@@ -1,7 +1,7 @@
 //! The bones of a scene and the joint that moves the mandible, as they are read and as a run keeps them.
 
-use crate::error::{Result, TrainerError};
-use crate::files::{create_folder, read_json, write_json};
+use crate::error::{Result, TrainerError, file_error};
+use crate::files::{create_folder, parse_json, read_json, write_json};
 use crate::matching::check_unit;
 use crate::scene::Scene;
 use face_rig::{Joint, JointParameters};
@@ -243,9 +243,22 @@ struct FrameEntry {
     jaw: Option<MotionEntry>,
 }
 
-/// Either a table of motions by name, or units and frames apart.
 fn read_motions(path: &Path, unit: &str) -> Result<BTreeMap<String, Isometry3<f64>>> {
-    let value: serde_json::Value = read_json(path)?;
+    let text = std::fs::read_to_string(path).map_err(file_error("read", path))?;
+    parse_motions(&text, path, unit)
+}
+
+/// Rigid motions by name from a JSON text: either a table of motions by name, or units and frames apart. `path` is what errors call
+/// it, `unit` the scene's unit of length.
+///
+/// # Errors
+/// When it is no JSON of this form, a motion is not rigid, or its translation is in another unit.
+pub fn parse_motions(
+    text: &str,
+    path: &Path,
+    unit: &str,
+) -> Result<BTreeMap<String, Isometry3<f64>>> {
+    let value: serde_json::Value = parse_json(text, path)?;
     let wrong = |problem: String| TrainerError::Json {
         path: path.to_path_buf(),
         problem,

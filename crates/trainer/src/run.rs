@@ -81,6 +81,7 @@ impl Run {
 
     fn lock(folder: &Path) -> Result<Self> {
         let path = folder.join(LOCK);
+        refuse_link(&path)?;
         let file = File::create(&path).map_err(file_error("create", &path))?;
         // The system takes the lock back when a process ends, however it ends: none is ever stale.
         file.try_lock().map_err(|error| match error {
@@ -187,6 +188,7 @@ impl Metrics {
     /// When the file cannot be written.
     pub fn open(run: &Run, length: u64) -> Result<Self> {
         let path = run.metrics_path();
+        refuse_link(&path)?;
         let open = || -> std::io::Result<File> {
             let mut options = File::options();
             let file = options.append(true).create(true).open(&path)?;
@@ -236,6 +238,19 @@ fn whole_lines(path: &Path) -> std::io::Result<u64> {
     let bytes = std::fs::read(path)?;
     let last = bytes.iter().rposition(|&b| b == b'\n');
     Ok(last.map_or(0, |at| at as u64 + 1))
+}
+
+/// Refuses a symbolic link where a file is written in place. All other outputs replace what stands under their name, a link too, and leave
+/// alone what it points to; this one would be emptied or cut.
+fn refuse_link(path: &Path) -> Result<()> {
+    if !path.is_symlink() {
+        return Ok(());
+    }
+    Err(TrainerError::Run {
+        path: path.to_path_buf(),
+        problem: "is a symbolic link, and what it points to would be overwritten: remove the link"
+            .into(),
+    })
 }
 
 /// The newest run of a scene under the folder `runs`: `NAME`, or the `NAME-i` with the highest number. `NAME` where there is none.

@@ -442,6 +442,10 @@ impl Scene {
             let mend = "use letters, digits, spaces, `-`, `_` and `.`: it names the run folder";
             return wrong("name", format!("`{}`", self.name), mend);
         }
+        if self.unit.chars().any(char::is_control) {
+            let mend = "name a unit of length, such as mm: it stands in tables, plots and pages";
+            return wrong("unit", format!("{:?}", self.unit), mend);
+        }
         for (i, pose) in self.poses.iter().enumerate() {
             if self.poses[..i].iter().any(|p| p.name == pose.name) {
                 let value = format!("named `{}` twice", pose.name);

@@ -134,12 +134,7 @@ pub fn write_losses(run: &Run) -> Result<()> {
             "mean_error_percent",
         ),
     ] {
-        let points: Vec<(f64, f64)> = (text.lines())
-            .filter_map(|line| serde_json::from_str::<serde_json::Value>(line).ok())
-            .filter(|v| v["stage"] == stage)
-            .filter_map(|v| Some((v["epoch"].as_f64()?, v[key].as_f64()?)))
-            .filter(|p| p.1 > 0.0)
-            .collect();
+        let points = loss_points(&text, stage, key);
         if points.is_empty() {
             continue;
         }
@@ -157,6 +152,17 @@ pub fn write_losses(run: &Run) -> Result<()> {
         plot.write_svg(run.folder().join(format!("loss-{stage}.svg")))?;
     }
     Ok(())
+}
+
+/// Epochs of a stage and what the metrics hold of them under `key`, where that is above zero. Lines that are no JSON are passed over: a
+/// process that was killed may have left half of one.
+pub fn loss_points(metrics: &str, stage: u64, key: &str) -> Vec<(f64, f64)> {
+    (metrics.lines())
+        .filter_map(|line| serde_json::from_str::<serde_json::Value>(line).ok())
+        .filter(|v| v["stage"] == stage)
+        .filter_map(|v| Some((v["epoch"].as_f64()?, v[key].as_f64()?)))
+        .filter(|p| p.1 > 0.0)
+        .collect()
 }
 
 #[cfg(test)]

@@ -4,6 +4,7 @@ use crate::checkpoint::StageError;
 use crate::evaluate::ShapeResult;
 use crate::shapes::ShapeSet;
 use std::borrow::Borrow;
+use surface_mesh::printable;
 
 /// Mean of some numbers; 0 of none.
 pub fn mean_of(values: impl Iterator<Item = f64>) -> f64 {
@@ -18,7 +19,8 @@ pub fn accuracy_reached<R: Borrow<ShapeResult>>(results: &[R], unit: &str) -> St
     let worst = estimated.max_by(|a, b| a.0.total_cmp(&b.0));
     worst.map_or("solved exactly: nothing moves".into(), |(error, name)| {
         format!(
-            "solved to {error:.1e} {unit} or better at every node, as estimated (worst in {name})"
+            "solved to {error:.1e} {unit} or better at every node, as estimated (worst in {})",
+            printable(name)
         )
     })
 }
@@ -35,7 +37,7 @@ pub fn table<R: Borrow<ShapeResult>>(
     let percent = 100.0 / diagonal;
     let width = results
         .iter()
-        .map(|r| r.name.chars().count())
+        .map(|r| printable(&r.name).chars().count())
         .max()
         .unwrap_or(5)
         .max(5);
@@ -65,7 +67,7 @@ pub fn table<R: Borrow<ShapeResult>>(
         let _ = writeln!(
             out,
             "{:width$}  {:8}{before}  {:11.5}  {:6.3}  {:10.5}  {:6.3}  {:9.3e}  {:10}  {:7.2}  {:8}{unfinished}",
-            r.name,
+            printable(&r.name),
             r.set.label(),
             r.mean_error,
             r.mean_error_percent,

@@ -92,6 +92,9 @@ impl Length {
     }
 }
 
+/// No number that anybody writes is longer, in bytes.
+const LONGEST_NUMBER: usize = 64;
+
 impl FromStr for Length {
     type Err = String;
 
@@ -102,8 +105,8 @@ impl FromStr for Length {
                 "`{text}` is no length: write a number above zero and a unit, such as \"0.05 mm\""
             )
         };
-        // The longest part that is a number: an exponent begins with a letter too.
-        let ends = (1..=text.len())
+        // The longest part that is a number: an exponent begins with a letter too. Trying every length of a long text would take for ever.
+        let ends = (1..=text.len().min(LONGEST_NUMBER))
             .rev()
             .filter(|&end| text.is_char_boundary(end));
         let number = |end: usize| text[..end].trim_end().parse::<f64>().ok().map(|x| (x, end));

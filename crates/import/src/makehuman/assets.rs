@@ -1,7 +1,6 @@
 //! The files of the package, and the neutral made of them.
 
 use std::collections::BTreeMap;
-use std::io::Read;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 
@@ -9,9 +8,9 @@ use flate2::read::GzDecoder;
 use nalgebra::Vector3;
 use surface_mesh::{Surface, parse_obj};
 
-use crate::error::{ImportError, Result, file_error};
+use crate::error::{ImportError, Result};
 use crate::part::part;
-use crate::source::{Origin, Source};
+use crate::source::{Origin, Source, unpacked};
 
 const ORIGIN: Origin = Origin {
     marker: "mpfb2/3dobjs/base.obj",
@@ -160,10 +159,8 @@ impl Assets {
         let path = self.path(name);
         let bytes = self.source.read(name)?;
         let text = if name.ends_with(".gz") {
-            let mut text = Vec::new();
-            let read = GzDecoder::new(bytes.as_slice()).read_to_end(&mut text);
-            read.map_err(file_error("unpack", &path))?;
-            text
+            let packed = bytes.len() as u64;
+            unpacked(GzDecoder::new(bytes.as_slice()), packed, &path)?
         } else {
             bytes
         };
@@ -193,8 +190,16 @@ fn neutral_targets() -> Vec<(String, f64)> {
     universal.into_iter().chain(ethnic).collect()
 }
 
-/// Lines of a vertex number and three coordinates; `#` begins a comment.
-fn parse_target(text: &str, path: &Path, vertices: usize) -> Result<Vec<(usize, Vector3<f64>)>> {
+/// A target file of MakeHuman: lines of a vertex number and three coordinates, in decimetres; `#` begins a comment. `path` is what errors
+/// call it, `vertices` how many the mesh has.
+///
+/// # Errors
+/// [`ImportError::TargetLine`], [`ImportError::VertexBeyond`].
+pub fn parse_target(
+    text: &str,
+    path: &Path,
+    vertices: usize,
+) -> Result<Vec<(usize, Vector3<f64>)>> {
     let mut deltas = Vec::new();
     for (number, line) in text.lines().enumerate() {
         let content = line.split('#').next().unwrap_or_default().trim();

@@ -3,7 +3,7 @@
 use std::borrow::Cow;
 use std::fs::File;
 use std::io::{self, Read};
-use std::path::{Path, PathBuf};
+use std::path::{Component, Path, PathBuf};
 
 use gltf::json::{Buffer, Root};
 
@@ -79,7 +79,7 @@ fn load_uri(
         });
     }
     let name = percent_decoded(uri)
-        .filter(|name| !name.contains(':') && Path::new(name).is_relative())
+        .filter(|name| is_below(name))
         .ok_or_else(unsupported)?;
     let path = folder.join(name);
     read_file(&path, buffer.byte_length.0).map_err(|cause| GltfProblem::BufferFile {
@@ -87,6 +87,13 @@ fn load_uri(
         path,
         cause,
     })
+}
+
+/// Whether a name stays in the folder that it starts from. A file that somebody else made must not reach what lies elsewhere on this
+/// machine: its bytes would turn up as coordinates in everything that is written.
+fn is_below(name: &str) -> bool {
+    let plain = |part| matches!(part, Component::Normal(_) | Component::CurDir);
+    !name.contains([':', '\\']) && Path::new(name).components().all(plain)
 }
 
 /// Reads at most `length` bytes of a regular file.

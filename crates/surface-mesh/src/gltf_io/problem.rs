@@ -261,9 +261,9 @@ pub enum GltfProblem {
         /// Index of the buffer.
         buffer: usize,
     },
-    /// A buffer's URI is neither `data:` nor a relative file name.
+    /// A buffer's URI is neither `data:` nor the name of a file in or below the folder of this one.
     #[error(
-        "buffer {buffer} has the uri {uri:?}; only base64 data: URIs and relative file names are read"
+        "buffer {buffer} has the uri {uri:?}; only base64 data: URIs and files in or below the folder of the glTF file are read: put the file there"
     )]
     BufferUri {
         /// Index of the buffer.

@@ -95,7 +95,8 @@ struct Obj {
     vertices: Vec<Vector3<f64>>,
     corners: Vec<u32>,
     offsets: Vec<u32>,
-    /// Corners that named a vertex not read yet: line and index from 1. OBJ allows vertices after faces.
+    /// Corners that named a vertex not read yet, each beyond those before it: line and index from 1. OBJ allows vertices after faces.
+    /// If any of the others is missing in the end, so is one of these, on the same line or before it.
     ahead: Vec<(usize, u32)>,
 }
 
@@ -169,7 +170,11 @@ impl Obj {
             0 => Err(ObjProblem::IndexZero { text: shown(word) }),
             1.. => {
                 let index = u32::try_from(index).map_err(|_| out_of_range)?;
-                if index as usize > vertices {
+                let is_first = self
+                    .ahead
+                    .last()
+                    .is_none_or(|&(_, furthest)| furthest < index);
+                if index as usize > vertices && is_first {
                     self.ahead.push((line, index));
                 }
                 Ok(index - 1)

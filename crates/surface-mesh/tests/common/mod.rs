@@ -1,5 +1,5 @@
 //! A small glTF document and its buffer, to be damaged value by value.
-#![allow(dead_code)] // Each test program uses its own part.
+#![allow(dead_code, unused_macros, unused_imports)] // Each test program uses its own part.
 
 use std::fs;
 use std::path::PathBuf;

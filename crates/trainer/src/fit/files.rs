@@ -10,7 +10,7 @@ use crate::sheets::{Compared, write_pages};
 use crate::table::mean_of;
 use nalgebra::Vector3;
 use serde::Serialize;
-use surface_mesh::{MorphTarget, MorphedSurface, write_glb};
+use surface_mesh::{MorphTarget, MorphedSurface, printable, write_glb};
 
 /// What `fit.json` holds.
 #[derive(Serialize)]
@@ -83,7 +83,10 @@ fn rows<'a>(body: &Body, fitted: &'a Fitted) -> [Compared<'a>; 2] {
 /// The table that a fit ends with.
 pub fn fit_table(fit: &Fit) -> String {
     use std::fmt::Write;
-    let names = fit.shapes.iter().map(|f| f.name.chars().count());
+    let names = fit
+        .shapes
+        .iter()
+        .map(|f| printable(&f.name).chars().count());
     let width = names.max().unwrap_or(0).max(5);
     let mut out = String::new();
     let pair = |what: &str| format!("{:>21}", format!("{what} {}", fit.unit));
@@ -99,7 +102,7 @@ pub fn fit_table(fit: &Fit) -> String {
         let pair = |a: f64, b: f64| format!("{a:8.5} -> {b:9.5}");
         let mut notes = String::new();
         if matches!(f.target, Target::Scan(_)) {
-            let _ = write!(notes, "  from {}", f.start);
+            let _ = write!(notes, "  from {}", printable(&f.start));
         }
         if let Some(left_out) = &f.left_out {
             let [total, far, border, facing] = [
@@ -117,7 +120,7 @@ pub fn fit_table(fit: &Fit) -> String {
         let _ = writeln!(
             out,
             "{:width$}  {}  {}  {}  {:5}  {:11}  {:7.2}  {:8}{notes}",
-            f.name,
+            printable(&f.name),
             pair(f.before.mean, f.after.mean),
             pair(f.before.p99, f.after.p99),
             pair(f.before.max, f.after.max),
