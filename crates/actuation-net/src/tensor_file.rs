@@ -55,19 +55,20 @@ impl TensorFile {
             path: path.clone(),
             source,
         };
-        let (_, header) = SafeTensors::read_metadata(bytes).map_err(malformed)?;
-        let stored = SafeTensors::deserialize(bytes).map_err(malformed)?;
-        let tensors = stored
-            .iter()
-            .map(|(name, view)| {
-                let tensor = StoredTensor {
-                    dtype: view.dtype(),
-                    shape: view.shape().to_vec(),
-                    bytes: view.data().to_vec(),
-                };
-                (name.to_string(), tensor)
-            })
-            .collect();
+        let (length, header) = SafeTensors::read_metadata(bytes).map_err(malformed)?;
+        // Behind the header and its length; all offsets were checked against it.
+        let data = &bytes[8 + length..];
+        let tensors = header.tensors().into_iter();
+        let tensors = tensors.map(|(name, info)| {
+            let (start, end) = info.data_offsets;
+            let tensor = StoredTensor {
+                dtype: info.dtype,
+                shape: info.shape.clone(),
+                bytes: data[start..end].to_vec(),
+            };
+            (name, tensor)
+        });
+        let tensors = tensors.collect();
         let metadata = header.metadata().iter().flatten();
         let metadata = metadata.map(|(key, value)| (key.clone(), value.clone()));
         let metadata = metadata.collect();

@@ -88,7 +88,17 @@ fn check_header(bytes: &[u8]) -> std::result::Result<(), String> {
             return Err("the brackets of its header are nested too deep".into());
         }
     }
-    Ok(())
+    // The library multiplies sizes without looking: an array of 2^64 entries passed for an empty one.
+    let numbers = header[..length as usize].split(|byte| !byte.is_ascii_digit());
+    let numbers = numbers.filter(|digits| !digits.is_empty());
+    let mut sizes = numbers.map(|digits| std::str::from_utf8(digits).ok()?.parse().ok());
+    let all = sizes.try_fold(1_u64, |all, size: Option<u64>| {
+        all.checked_mul(size?.max(1))
+    });
+    match all {
+        Some(_) => Ok(()),
+        None => Err("its header tells of more entries than there can be".into()),
+    }
 }
 
 fn place(mut flat: usize, shape: &[usize]) -> Vec<usize> {

@@ -1,12 +1,13 @@
 //! The bones of a scene and the joint that moves the mandible, as they are read and as a run keeps them.
 
 use crate::error::{Result, TrainerError, file_error};
-use crate::files::{create_folder, parse_json, read_json, write_json};
+use crate::files::{create_folder, read_json, write_json};
 use crate::matching::check_unit;
 use crate::scene::Scene;
 use face_rig::{Joint, JointParameters};
 use nalgebra::{Isometry3, Matrix3, Rotation3, Translation3, UnitQuaternion, Vector3};
-use serde::{Deserialize, Serialize};
+use serde::de::{Error as _, IgnoredAny, MapAccess, SeqAccess, Visitor};
+use serde::{Deserialize, Deserializer, Serialize};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use surface_mesh::{MorphedSurface, Surface, read_surface, write_glb};
@@ -221,11 +222,47 @@ fn bone_path(folder: &Path, index: usize) -> PathBuf {
 }
 
 /// A rigid motion `x -> R x + t` as files have it: R row by row, t in a length unit that its key names.
-#[derive(Deserialize)]
 struct MotionEntry {
     rotation_rowmajor: [f64; 9],
-    #[serde(flatten)]
-    rest: BTreeMap<String, serde_json::Value>,
+    /// Numbers under every key that begins with `translation`; all other keys are somebody else's.
+    translations: BTreeMap<String, Vec<f64>>,
+}
+
+// By hand, as what serde gathers for `flatten` takes many times the memory of the text.
+impl<'de> Deserialize<'de> for MotionEntry {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> std::result::Result<Self, D::Error> {
+        struct Entries;
+        impl<'de> Visitor<'de> for Entries {
+            type Value = MotionEntry;
+
+            fn expecting(&self, f: &mut std::fmt::Formatter) -> std::fmt::Result {
+                f.write_str("a motion")
+            }
+
+            fn visit_map<A: MapAccess<'de>>(
+                self,
+                mut map: A,
+            ) -> std::result::Result<MotionEntry, A::Error> {
+                let mut rotation = None;
+                let mut translations = BTreeMap::new();
+                while let Some(key) = map.next_key::<String>()? {
+                    if key == "rotation_rowmajor" {
+                        rotation = Some(map.next_value()?);
+                    } else if key.starts_with("translation") {
+                        translations.insert(key, map.next_value()?);
+                    } else {
+                        map.next_value::<IgnoredAny>()?;
+                    }
+                }
+                let missing = || A::Error::missing_field("rotation_rowmajor");
+                Ok(MotionEntry {
+                    rotation_rowmajor: rotation.ok_or_else(missing)?,
+                    translations,
+                })
+            }
+        }
+        deserializer.deserialize_map(Entries)
+    }
 }
 
 /// Motions per unit and per frame; other keys are somebody else's.
@@ -233,14 +270,47 @@ struct MotionEntry {
 struct MotionsFile {
     #[serde(default)]
     unit_jaw: BTreeMap<String, MotionEntry>,
-    #[serde(default)]
-    frames: Vec<FrameEntry>,
+    #[serde(default, deserialize_with = "frames_that_move")]
+    frames: Vec<(String, MotionEntry)>,
+}
+
+/// Which of the two forms a file has.
+#[derive(Deserialize)]
+struct MotionsForm {
+    unit_jaw: Option<IgnoredAny>,
+    frames: Option<IgnoredAny>,
 }
 
 #[derive(Deserialize)]
 struct FrameEntry {
     name: Option<String>,
     jaw: Option<MotionEntry>,
+}
+
+/// Frames with a name and a motion; the others take no memory.
+fn frames_that_move<'de, D: Deserializer<'de>>(
+    deserializer: D,
+) -> std::result::Result<Vec<(String, MotionEntry)>, D::Error> {
+    struct Frames;
+    impl<'de> Visitor<'de> for Frames {
+        type Value = Vec<(String, MotionEntry)>;
+
+        fn expecting(&self, f: &mut std::fmt::Formatter) -> std::fmt::Result {
+            f.write_str("a list of frames")
+        }
+
+        fn visit_seq<A: SeqAccess<'de>>(
+            self,
+            mut seq: A,
+        ) -> std::result::Result<Self::Value, A::Error> {
+            let mut all = Vec::new();
+            while let Some(frame) = seq.next_element::<FrameEntry>()? {
+                all.extend(frame.name.zip(frame.jaw));
+            }
+            Ok(all)
+        }
+    }
+    deserializer.deserialize_seq(Frames)
 }
 
 fn read_motions(path: &Path, unit: &str) -> Result<BTreeMap<String, Isometry3<f64>>> {
@@ -258,7 +328,6 @@ pub fn parse_motions(
     path: &Path,
     unit: &str,
 ) -> Result<BTreeMap<String, Isometry3<f64>>> {
-    let value: serde_json::Value = parse_json(text, path)?;
     let wrong = |problem: String| TrainerError::Json {
         path: path.to_path_buf(),
         problem,
@@ -268,14 +337,13 @@ pub fn parse_motions(
             "{error}: a motion is {{\"rotation_rowmajor\": [9 numbers], \"translation_{unit}\": [3 numbers]}}"
         ))
     };
+    let form = serde_json::from_str::<MotionsForm>(text);
     let entries: BTreeMap<String, MotionEntry> =
-        if value.get("unit_jaw").or(value.get("frames")).is_some() {
-            let file: MotionsFile = serde_json::from_value(value).map_err(shape)?;
-            let frames = file.frames.into_iter();
-            let frames = frames.filter_map(|f| f.name.zip(f.jaw));
-            file.unit_jaw.into_iter().chain(frames).collect()
+        if form.is_ok_and(|form| form.unit_jaw.or(form.frames).is_some()) {
+            let file: MotionsFile = serde_json::from_str(text).map_err(shape)?;
+            file.unit_jaw.into_iter().chain(file.frames).collect()
         } else {
-            serde_json::from_value(value).map_err(shape)?
+            serde_json::from_str(text).map_err(shape)?
         };
     let motions = entries.into_iter().map(|(name, entry)| {
         let motion = entry
@@ -289,10 +357,11 @@ pub fn parse_motions(
 impl MotionEntry {
     fn motion(&self, unit: &str) -> std::result::Result<Isometry3<f64>, String> {
         let key = format!("translation_{unit}");
-        let value = match (self.rest.get(&key), self.rest.get("translation")) {
-            (Some(value), _) | (None, Some(value)) => value,
+        let all = &self.translations;
+        let numbers = match (all.get(&key), all.get("translation")) {
+            (Some(numbers), _) | (None, Some(numbers)) => numbers,
             (None, None) => {
-                let other = self.rest.keys().find(|k| k.starts_with("translation"));
+                let other = all.keys().next();
                 return Err(match other {
                     Some(other) => format!(
                         "has `{other}`, but the scene's unit is `{unit}`: convert the file, or set `unit`"
@@ -301,7 +370,7 @@ impl MotionEntry {
                 });
             }
         };
-        let t: [f64; 3] = serde_json::from_value(value.clone())
+        let t: [f64; 3] = (numbers.as_slice().try_into())
             .map_err(|_| "has a translation that is not three numbers".to_string())?;
         let r = Matrix3::from_row_slice(&self.rotation_rowmajor);
         let off = (r * r.transpose() - Matrix3::identity()).norm();

@@ -350,6 +350,9 @@ fn default_omega() -> f32 {
     30.0
 }
 
+/// Larger files are refused: the parser of TOML takes up to a hundred bytes of memory for each of the text. In bytes.
+const LARGEST_SCENE: usize = 1 << 20;
+
 impl Scene {
     /// Reads and checks a scene file. Returns its text too, to be kept with the run.
     ///
@@ -365,6 +368,16 @@ impl Scene {
     /// # Errors
     /// As [`Scene::read`].
     pub fn parse(text: &str, path: &Path) -> Result<Self> {
+        if text.len() > LARGEST_SCENE {
+            return Err(TrainerError::SceneSyntax {
+                path: path.to_path_buf(),
+                line: 1,
+                message: format!(
+                    "{} bytes are no scene: a scene has a few thousand",
+                    text.len()
+                ),
+            });
+        }
         let scene: Self = toml::from_str(text).map_err(|error| syntax_error(text, path, &error))?;
         scene.check(path)?;
         Ok(scene)

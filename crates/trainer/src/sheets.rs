@@ -120,21 +120,19 @@ pub fn view(body: &Body) -> (Vector3<f64>, Vector3<f64>) {
 pub fn write_losses(run: &Run) -> Result<()> {
     let path = run.metrics_path();
     let text = std::fs::read_to_string(&path).map_err(file_error("read", &path))?;
-    for (stage, title, y_label, key) in [
+    for (stage, title, y_label) in [
         (
             1,
             "Stage 1: actuation of pulled shapes",
             "mean squared error of A",
-            "loss",
         ),
         (
             2,
             "Stage 2: through the simulator",
             "mean error, % of diagonal",
-            "mean_error_percent",
         ),
     ] {
-        let points = loss_points(&text, stage, key);
+        let points = loss_points(&text, stage);
         if points.is_empty() {
             continue;
         }
@@ -154,15 +152,30 @@ pub fn write_losses(run: &Run) -> Result<()> {
     Ok(())
 }
 
-/// Epochs of a stage and what the metrics hold of them under `key`, where that is above zero. Lines that are no JSON are passed over: a
-/// process that was killed may have left half of one.
-pub fn loss_points(metrics: &str, stage: u64, key: &str) -> Vec<(f64, f64)> {
-    (metrics.lines())
-        .filter_map(|line| serde_json::from_str::<serde_json::Value>(line).ok())
-        .filter(|v| v["stage"] == stage)
-        .filter_map(|v| Some((v["epoch"].as_f64()?, v[key].as_f64()?)))
-        .filter(|p| p.1 > 0.0)
-        .collect()
+/// What of a line of metrics goes into the plots. Whatever else stands there is passed over, and takes no memory.
+#[derive(serde::Deserialize)]
+struct MetricsLine {
+    stage: u64,
+    epoch: f64,
+    loss: Option<f64>,
+    mean_error_percent: Option<f64>,
+}
+
+/// Epochs of a stage (1 or 2) and what they are measured by: the loss of stage 1, the mean error of stage 2 in percent, where that is above zero.
+/// Lines that are no JSON are passed over: a process that was killed may have left half of one.
+pub fn loss_points(metrics: &str, stage: u64) -> Vec<(f64, f64)> {
+    let lines = metrics
+        .lines()
+        .filter_map(|line| serde_json::from_str::<MetricsLine>(line).ok());
+    let of_stage = lines.filter(|line| line.stage == stage);
+    let points = of_stage.filter_map(|line| {
+        let value = match stage {
+            1 => line.loss,
+            _ => line.mean_error_percent,
+        };
+        Some((line.epoch, value?))
+    });
+    points.filter(|p| p.1 > 0.0).collect()
 }
 
 #[cfg(test)]

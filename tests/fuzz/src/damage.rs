@@ -131,7 +131,7 @@ fn once(bytes: &mut Vec<u8>, other: &[u8], rng: &mut ChaCha8Rng) {
 
 /// A length from 1 to `most`, mostly short.
 fn span(most: usize, rng: &mut ChaCha8Rng) -> usize {
-    let largest = 1 << rng.random_range(0..12_u32);
+    let largest = 1 << rng.random_range(0..12_u32).min(rng.random_range(0..12));
     rng.random_range(1..=most.min(largest))
 }
 
@@ -152,7 +152,9 @@ fn insert(bytes: &mut Vec<u8>, at: usize, piece: &[u8]) {
 /// Puts a piece in many times over.
 fn repeat(bytes: &mut Vec<u8>, at: usize, piece: &[u8], rng: &mut ChaCha8Rng) {
     let room = LARGEST.saturating_sub(bytes.len()) / piece.len().max(1);
-    let times = (1 << rng.random_range(0..11_u32)).min(room);
+    // Mostly few, as large inputs take long.
+    let exponent = rng.random_range(0..11_u32).min(rng.random_range(0..11));
+    let times = (1 << exponent).min(room);
     insert(bytes, at, &piece.repeat(times));
 }
 

@@ -8,12 +8,12 @@ use serde_json::{Value, json};
 use crate::damage::NUMBERS;
 
 /// Deeper than any reader follows.
-const DEEP: usize = 400;
+const DEEP: usize = 512;
 
 /// Replaces, removes, repeats or renames values in a document, `times` times.
 pub fn change(document: &mut Value, times: u32, rng: &mut ChaCha8Rng) {
     for _ in 0..times {
-        let donor = somewhere(&mut document.clone(), rng).clone();
+        let donor = anywhere(document, rng).clone();
         let place = somewhere(document, rng);
         *place = match rng.random_range(0..8_u32) {
             0 => donor,
@@ -41,6 +41,25 @@ fn somewhere<'a>(value: &'a mut Value, rng: &mut ChaCha8Rng) -> &'a mut Value {
         _ => unreachable!("others have no children"),
     };
     somewhere(child, rng)
+}
+
+/// As [`somewhere`], to be copied.
+fn anywhere<'a>(value: &'a Value, rng: &mut ChaCha8Rng) -> &'a Value {
+    let children = match value {
+        Value::Array(items) => items.len(),
+        Value::Object(members) => members.len(),
+        _ => 0,
+    };
+    if children == 0 || rng.random_range(0..6_u32) == 0 {
+        return value;
+    }
+    let child = rng.random_range(0..children);
+    let child = match value {
+        Value::Array(items) => &items[child],
+        Value::Object(members) => members.values().nth(child).expect("it was counted"),
+        _ => unreachable!("others have no children"),
+    };
+    anywhere(child, rng)
 }
 
 fn changed_members(value: Value, donor: Value, rng: &mut ChaCha8Rng) -> Value {
@@ -83,7 +102,7 @@ pub fn number(rng: &mut ChaCha8Rng) -> Value {
 pub fn text(rng: &mut ChaCha8Rng) -> String {
     match rng.random_range(0..8_u32) {
         0 => String::new(),
-        1 => "a".repeat(1 << rng.random_range(0..12_u32)),
+        1 => "a".repeat(1 << rng.random_range(0..12_u32).min(rng.random_range(0..12))),
         2 => "\u{1b}[2J\r\n\0\u{202e}`\"<b>|$".into(),
         3 => "../../etc/passwd".into(),
         4 => "data:application/octet-stream;base64,AAAA".into(),
@@ -101,7 +120,7 @@ fn any(rng: &mut ChaCha8Rng) -> Value {
         3 => json!({}),
         4 => text(rng).into(),
         5 => {
-            let depth = rng.random_range(1..DEEP);
+            let depth = 1 << rng.random_range(0..DEEP.ilog2());
             (0..depth).fold(json!(0), |inner, _| json!([inner]))
         }
         _ => number(rng),
