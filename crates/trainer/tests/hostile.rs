@@ -92,6 +92,28 @@ fn an_array_whose_header_is_nested_without_end_is_refused_before_the_stack_ends(
     }
 }
 
+/// Sizes were multiplied without looking: an array of 2^64 entries passed for an empty one, and with the checks of arithmetic on it panicked.
+#[test]
+fn an_array_of_more_entries_than_there_can_be_is_refused() {
+    for shape in [
+        "(4294967296, 4294967296)",
+        "(18446744073709551616,)",
+        "(9223372036854775807, 0, 3)",
+    ] {
+        let header = format!("{{'descr': '<f8', 'fortran_order': False, 'shape': {shape}, }}\n");
+        let mut bytes = b"\x93NUMPY\x01\x00".to_vec();
+        bytes.extend((header.len() as u16).to_le_bytes());
+        bytes.extend(header.as_bytes());
+        let refused = parse_f64(&bytes, Path::new("a.npy"), &[0]).unwrap_err();
+        assert!(
+            refused
+                .to_string()
+                .contains("more entries than there can be"),
+            "{refused}"
+        );
+    }
+}
+
 /// Every column was compared with every other: a header of a megabyte took minutes.
 #[test]
 fn many_columns_are_read_in_a_moment() {

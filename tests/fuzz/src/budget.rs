@@ -126,7 +126,7 @@ fn worker(
     }
     let mut child = command
         .stdout(Stdio::piped())
-        .stderr(Stdio::null())
+        .stderr(Stdio::inherit())
         .spawn()?;
     let words = BufReader::new(child.stdout.take().expect("it is piped"));
     let mut tally = Tally::default();
@@ -189,15 +189,23 @@ pub fn work(
         scope.spawn(watch);
         let readers = std::thread::Builder::new().stack_size(STACK);
         let readers = readers.spawn_scoped(scope, || {
-            let done = stretch(target, budget, range, keep, &began, clock);
-            began.store(u64::MAX, Ordering::SeqCst);
-            done
+            let _ended = Ended(&began);
+            stretch(target, budget, range, keep, &began, clock)
         });
         readers
             .expect("a thread is started")
             .join()
             .expect("harm is caught")
     })
+}
+
+/// Tells the watch that the readers have ended, by whatever way.
+struct Ended<'a>(&'a AtomicU64);
+
+impl Drop for Ended<'_> {
+    fn drop(&mut self) {
+        self.0.store(u64::MAX, Ordering::SeqCst);
+    }
 }
 
 fn stretch(

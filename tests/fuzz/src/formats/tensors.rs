@@ -114,6 +114,9 @@ fn change_header(header: &mut Value, rng: &mut ChaCha8Rng) {
         return change(header, 1, rng);
     };
     let entry = &mut header[key];
+    if !entry.is_object() {
+        return change(entry, 1, rng);
+    }
     match rng.random_range(0..8_u32) {
         0 => change(header, 1, rng),
         1 => {
@@ -135,6 +138,9 @@ fn change_header(header: &mut Value, rng: &mut ChaCha8Rng) {
         }
         _ => {
             let metadata = &mut header["__metadata__"];
+            if !metadata.is_object() {
+                return change(metadata, 1, rng);
+            }
             let names: Vec<String> = metadata
                 .as_object()
                 .into_iter()
