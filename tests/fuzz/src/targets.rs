@@ -254,7 +254,7 @@ const BASIS: &str = r#"{ "basis": ["a", "b"], "left_out": [["c", 0.5]] }"#;
 
 /// Every reader that user files reach.
 pub fn targets() -> Vec<Target> {
-    vec![
+    [
         surface_targets(),
         run_targets(),
         tensor_targets(),
