@@ -350,7 +350,7 @@ fn default_omega() -> f32 {
     30.0
 }
 
-/// Larger files are refused: the parser of TOML takes up to a hundred bytes of memory for each of the text. In bytes.
+/// Larger files are refused: the parser of TOML takes up to 256 bytes of memory for each of the text. In bytes.
 const LARGEST_SCENE: usize = 1 << 20;
 
 impl Scene {
