@@ -37,7 +37,8 @@ pub struct RotationGradient {
     /// `B`, symmetric, of unit `1/M`: the inverse of [`Self::pair_sums`].
     pub factor: Matrix3<f64>,
     /// `tr(S) I - S`, symmetric positive definite: its eigenvalues are `s_i + s_j`, raised to at
-    /// least [`PAIR_SUM_FLOOR`] times `s_x` and at least [`PAIR_SUM_MIN`].
+    /// least [`PAIR_SUM_FLOOR`] times `s_x` and at least [`PAIR_SUM_MIN`]. One that exceeds `f64::MAX` is that here, though not in
+    /// [`Self::factor`].
     pub pair_sums: Matrix3<f64>,
     /// `s_y + s_z >= 0`, the distance to where `R` is not unique, as it is (not raised).
     pub smallest_pair_sum: f64,
@@ -83,10 +84,12 @@ impl RotationGradient {
         let floor = (PAIR_SUM_FLOOR * s.x).max(PAIR_SUM_MIN * scaling.down);
         let sums = Vector3::new(s.y + s.z, s.x + s.z, s.x + s.y);
         let raised = sums.map(|x| x.max(floor));
+        // Eigenvalues, not entries, are what must not exceed the largest number: the matrix stays definite.
+        let finite = raised.map(|x| x.min(f64::MAX * scaling.down));
         Self {
             rotation: certified.unwrap_or_else(|| svd.rotation()),
             factor: conjugate(&svd.v, &raised.map(|x| 1.0 / x)) * scaling.down,
-            pair_sums: conjugate(&svd.v, &raised).map(|x| scaling.restore(x)),
+            pair_sums: conjugate(&svd.v, &finite).map(|x| scaling.restore(x)),
             smallest_pair_sum: scaling.restore(sums.x),
         }
     }

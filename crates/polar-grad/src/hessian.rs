@@ -3,6 +3,7 @@
 use crate::gradient::{RotationGradient, cross_basis};
 use crate::linear::{conjugate, mul, mul_tr, pair_sums, symmetrize, tr_mul};
 use crate::polar::polar;
+use crate::scaling::Scaling;
 use crate::symmetric::{Minors, SINGULAR, eigen, inverse_cholesky_factor};
 use nalgebra::{Matrix3, SMatrix};
 
@@ -75,10 +76,18 @@ impl HessianCore {
         SMatrix::identity() - z * self.gradient.factor * z.transpose()
     }
 
-    /// The eigenvalues of `C`, after the filter that was applied.
+    /// The eigenvalues of `C`, after the filter that was applied; NaN where the core is.
+    ///
+    /// Exact to rounding of the largest of them, and never above 1 before [`Filter::Absolute`]. One that is larger than `f64::MAX` in
+    /// size is given as that.
     pub fn spectrum(&self) -> Spectrum {
-        let k = self.reach();
-        let t = self.gradient.pair_sums;
+        // Sums of the largest numbers overflow; quotients do not notice a common factor.
+        let Some((_, [k, t])) = Scaling::to_unit_alike(&self.reach(), &self.gradient.pair_sums)
+        else {
+            return Spectrum {
+                nontrivial: [f64::NAN; 3],
+            };
+        };
         // Scaling K and T alike keeps the axes well determined when one is far larger than the
         // other.
         let balance = |x: &Matrix3<f64>| x / x.trace().max(f64::MIN_POSITIVE);
@@ -87,6 +96,8 @@ impl HessianCore {
         let mut nontrivial = [0, 1, 2].map(|i| {
             let y = y.column(i);
             let exact = y.dot(&((t - k) * y)) / y.dot(&(t * y));
+            // `K` is positive semi-definite, but its rounding, over a `T` at its floor, may say otherwise.
+            let exact = exact.clamp(-f64::MAX, 1.0);
             match self.filter {
                 Filter::Exact => exact,
                 Filter::Projected => exact.max(0.0),
@@ -111,8 +122,8 @@ impl HessianCore {
         core.filter = filter;
         let (k, t) = (self.reach(), self.gradient.pair_sums);
         // An actuation of rank one meets a B so large that its rounding alone would show in C.
-        let moderate = t.trace() * core.gradient.factor.trace() < 1.0 / SINGULAR;
-        if moderate && Minors::of(&(t - k)).are_above(0.0, 1.0) {
+        let moderate = (t / 4.0).trace() * (core.gradient.factor * 4.0).trace() < 1.0 / SINGULAR;
+        if moderate && is_definite(&k, &t) {
             return core;
         }
         let projected = projected_factor(&k, &t);
@@ -149,15 +160,24 @@ fn congruent(l: &Matrix3<f64>, x: &Matrix3<f64>) -> Matrix3<f64> {
     symmetrize(&mul(l, &mul_tr(x, l)))
 }
 
-/// `sum_k min(1, 1/mu_k) w_k w_k^T`.
+/// Whether `T - K` is positive definite, in any unit of length: its determinant is a cube, which would overflow at 1e103 already.
+fn is_definite(k: &Matrix3<f64>, t: &Matrix3<f64>) -> bool {
+    let scaled = Scaling::to_unit_alike(k, t);
+    scaled.is_some_and(|(_, [k, t])| Minors::of(&(t - k)).are_above(0.0, 1.0))
+}
+
+/// `sum_k min(1, 1/mu_k) w_k w_k^T`; NaN when an entry is not finite.
 ///
 /// With `K + T = L L^T` and `X = L^-1 (K - T) L^-T`, whose eigenvalues are `x = (mu - 1) / (mu +
 /// 1)`, this is `L^-T 2 (I + |X|)^-1 L^-1`: nothing is divided by a small number.
 pub(crate) fn projected_factor(k: &Matrix3<f64>, t: &Matrix3<f64>) -> Matrix3<f64> {
+    let Some((scaling, [k, t])) = Scaling::to_unit_alike(k, t) else {
+        return Matrix3::repeat(f64::NAN);
+    };
     let inverse = inverse_cholesky_factor(&(k + t));
     let magnitude = absolute_value(&congruent(&inverse, &(k - t)));
     let weights = Minors::of(&(Matrix3::identity() + magnitude)).inverse() * 2.0;
-    congruent(&inverse.transpose(), &weights)
+    congruent(&inverse.transpose(), &weights) * scaling.down
 }
 
 /// A determinant of a matrix of size one beyond this has a certain sign.

@@ -1,7 +1,8 @@
 //! The rotation of the polar decomposition: a certified fast path and the signed SVD behind it.
 
 use crate::linear::{axial, cofactor, mul, mul_cross, pair_sums, symmetrize, tr_mul};
-use crate::svd::signed_svd;
+use crate::scaling::Scaling;
+use crate::svd::{signed_svd, svd_of_scaled};
 use crate::symmetric::Minors;
 use nalgebra::Matrix3;
 
@@ -43,14 +44,25 @@ pub fn polar(m: &Matrix3<f64>) -> Polar {
             rotation,
             stretch: symmetrize(&tr_mul(&rotation, m)),
         },
-        None => {
-            let svd = signed_svd(m);
-            let stretch = svd.stretch().map(|x| x.clamp(-f64::MAX, f64::MAX));
-            Polar {
-                rotation: svd.rotation(),
-                stretch,
-            }
-        }
+        None => polar_by_svd(m),
+    }
+}
+
+#[cold]
+#[inline(never)]
+fn polar_by_svd(m: &Matrix3<f64>) -> Polar {
+    let Some((scaling, scaled)) = Scaling::to_unit(m) else {
+        let nan = Matrix3::repeat(f64::NAN);
+        return Polar {
+            rotation: nan,
+            stretch: nan,
+        };
+    };
+    // Composed before it is scaled back: `s_x` may exceed `f64::MAX` where no entry of `S` does.
+    let svd = svd_of_scaled(&scaled);
+    Polar {
+        rotation: svd.rotation(),
+        stretch: svd.stretch().map(|x| scaling.restore(x)),
     }
 }
 

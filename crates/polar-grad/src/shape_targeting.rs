@@ -9,13 +9,14 @@ use nalgebra::Matrix3;
 /// The energy density `psi(F, A) = 1/2 min_R |F - R A|^2` over rotations `R` (Frobenius norm),
 /// attained at the polar rotation of `F A`.
 ///
-/// Yang et al. 2022, Eq. 6 with the factor 1/2 of Eq. 11. `a` must be symmetric.
+/// Yang et al. 2022, Eq. 6 with the factor 1/2 of Eq. 11. `a` must be symmetric. Infinite where the squares are larger than
+/// `f64::MAX`, NaN where an entry of `F A` is not finite.
 pub fn shape_targeting_energy(f: &Matrix3<f64>, a: &Matrix3<f64>) -> f64 {
     0.5 * shape_targeting_gradient(f, a).norm_squared()
 }
 
 /// The gradient `d psi / d F = F - R A`. (The minimum over `R` is stationary, so `dR` does not
-/// enter.)
+/// enter.) Finite as long as the entries of `F A` are and `R A` does not overflow.
 pub fn shape_targeting_gradient(f: &Matrix3<f64>, a: &Matrix3<f64>) -> Matrix3<f64> {
     f - mul(&polar_rotation(&mul(f, a)), a)
 }

@@ -111,6 +111,22 @@ fn finite_for_every_finite_input() {
     }
 }
 
+/// Found by draws of entries up to the largest number: entries of `T` were cut off at `f64::MAX` one by one, which made it indefinite, and
+/// what was projected with it NaN.
+#[test]
+fn pair_sums_stay_definite_where_they_overflow() {
+    let mut random = Random::new(23);
+    for _ in 0..2000 {
+        let m = random.matrix();
+        let unit = m / m.amax();
+        let g = RotationGradient::at(&(unit * f64::MAX));
+        let scaled = g.pair_sums / f64::MAX;
+        let smallest = scaled.symmetric_eigenvalues().min();
+        let expected = RotationGradient::at(&unit).smallest_pair_sum.min(1.0);
+        assert!((smallest - expected).abs() < 1e-14, "{unit} {smallest:e}");
+    }
+}
+
 #[test]
 fn smallest_pair_sum_keeps_its_digits_at_double_eigenvalues() {
     for seed in 0..5_000 {

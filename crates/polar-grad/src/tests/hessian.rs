@@ -252,3 +252,61 @@ fn random_draws_never_give_nan() {
         }
     }
 }
+
+/// Found by draws of entries up to the largest number, for which `T` and `A^2` are finite, as documented, but the trace of `T` was not:
+/// the spectrum and the projection were NaN.
+#[test]
+fn spectrum_and_filters_are_finite_at_the_largest_numbers() {
+    let mut random = Random::new(22);
+    let (one, unit) = (Matrix3::identity(), random.matrix());
+    for f in [unit / unit.amax(), one, one - Matrix3::repeat(1.0)] {
+        let core = HessianCore::new(&(f * f64::MAX), &one);
+        for filter in [Filter::Exact, Filter::Projected, Filter::Absolute] {
+            let core = core.filtered(filter);
+            let values = core.spectrum().nontrivial;
+            assert!(values.iter().all(|x| x.is_finite()), "{f} {values:?}");
+            assert!(core.gradient.factor.iter().all(|x| x.is_finite()));
+        }
+    }
+    // K = 2 is nothing beside T: all ones.
+    let values = HessianCore::new(&(one * f64::MAX), &one).spectrum();
+    assert_eq!(values.nontrivial, [1.0; 3]);
+}
+
+/// Found by draws at badly chosen units of length: the determinant of `T - K` left the range of numbers from 1e-108 down and from 1e103 up,
+/// and cores that are documented to be kept bit for bit were composed anew.
+#[test]
+fn a_definite_core_is_kept_in_any_unit_of_length() {
+    let a = actuation_from_b(&[0.1, 0.02, 0.0, -0.1, 0.03, 0.2]);
+    for size in [1e-75, 1e-60, 1e-40, 1.0, 1e40, 1e60, 1e150] {
+        let exact = HessianCore::new(&(a * 1.5 * size), &(a * size));
+        for filter in [Filter::Projected, Filter::Absolute] {
+            assert_eq!(exact.filtered(filter).gradient, exact.gradient, "{size:e}");
+        }
+    }
+    for size in [1e120, 1e300] {
+        let exact = HessianCore::new(&(a * size), &a);
+        assert_eq!(exact.filtered(Filter::Projected).gradient, exact.gradient);
+    }
+}
+
+#[test]
+fn the_spectrum_of_a_core_that_is_no_number_is_none() {
+    let core = HessianCore::new(&Matrix3::repeat(f64::NAN), &Matrix3::identity());
+    assert!(core.spectrum().nontrivial.iter().all(|x| x.is_nan()));
+    let factor = core.filtered(Filter::Projected).gradient.factor;
+    assert!(factor.iter().all(|x| x.is_nan()));
+}
+
+/// Found by draws of actuations of rank one: `K` and `T` share a null direction, `T` is at its floor there, and rounding of `K` over it
+/// gave eigenvalues up to 1.004, where `C <= I`.
+#[test]
+fn no_eigenvalue_exceeds_one_where_the_actuation_has_rank_one() {
+    let mut random = Random::new(24);
+    for _ in 0..2000 {
+        let n = random.rotation().column(0).into_owned();
+        let a = n * n.transpose() * (1.0 + 0.5 * random.signed());
+        let core = HessianCore::new(&(random.rotation() + random.matrix() * 0.5), &a);
+        assert!(core.spectrum().nontrivial[2] <= 1.0, "{a}");
+    }
+}

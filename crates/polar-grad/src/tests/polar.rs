@@ -114,6 +114,26 @@ fn stretch_recomposes() {
     }
 }
 
+/// Found by a million draws of entries up to the largest number: `s_x` was cut off at `f64::MAX` before it was composed into `S`, and
+/// entries that are far below came out wrong by half.
+#[test]
+fn stretch_is_right_where_only_a_singular_value_overflows() {
+    let mut random = Random::new(21);
+    let mut overflowing = 0;
+    for _ in 0..2000 {
+        let m = random.matrix();
+        let unit = m / m.amax();
+        let (small, large) = (polar(&unit), polar(&(unit * f64::MAX)));
+        overflowing += usize::from(signed_svd(&unit).sigma.x > 1.0);
+        assert!((small.rotation - large.rotation).amax() < 1e-12 || small.stretch.trace() < 0.1);
+        for (x, y) in small.stretch.iter().zip(&large.stretch) {
+            let expected = x.clamp(-1.0, 1.0);
+            assert!((expected - y / f64::MAX).abs() < 1e-14, "{unit} {x} {y:e}");
+        }
+    }
+    assert!(overflowing > 1000);
+}
+
 #[test]
 fn random_bit_patterns() {
     let mut random = Random::new(11);
