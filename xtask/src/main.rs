@@ -1,5 +1,7 @@
 //! Thin dispatcher: builds in release mode and starts the program, the tests, the benches and the checks. Links none of the crates.
 
+mod coverage;
+
 use std::path::Path;
 use std::process::{Command, ExitCode};
 
@@ -28,6 +30,8 @@ cargo xtask COMMAND
   solve (--cells NX,NY,NZ --size H | --surface FILE --element-size H) --fix \"x=0\" [...]
                  find one equilibrium and the gradient of a loss, on arrays in .npy files
   test [ARGS]    run all tests (arguments go to cargo test)
+  coverage [ARGS]
+                 run all tests and tell how many lines of each crate they run (arguments go to cargo llvm-cov)
   bench [ARGS]   run all benches of the crates (arguments begin with - and go to cargo bench)
   bench box|body|methods|kernels|warm|threads|roofline [...]
                  measure whole solves, kernels and the machine
@@ -59,6 +63,7 @@ fn main() -> ExitCode {
         }
         "import" => program("import", "myofield-import", &rest),
         "test" => run(&tests(&rest)),
+        "coverage" => coverage::coverage(&rest),
         "bench" if is_measurement(&rest) => program("myofield-bench", "myofield-bench", &rest),
         "bench" => run(&benches(&rest)),
         "faults" => faults(&rest),

@@ -89,7 +89,9 @@ pub fn check(tally: &mut Tally, number: u64, draw: &Draw, dear: bool) {
     // Documented: one part in a million where A has rank one.
     let rounding = if regularity > 1e-4 { 1e-12 } else { 1e-6 };
     let quadratic = [0, 1, 2].map(|i| products[i].dot(x));
-    let low = (-quadratic[1]).max(quadratic[1] - x.norm_squared()).max(0.0);
+    let low = (-quadratic[1])
+        .max(quadratic[1] - x.norm_squared())
+        .max(0.0);
     tally.check(number, "0 <= C+ <= I", beyond(low, rounding), 0.0);
     let low = (quadratic[0].abs() - quadratic[2]).max(0.0) / size;
     tally.check(number, "|C| bounds C", beyond(low, rounding), 0.0);
@@ -110,7 +112,14 @@ pub fn check(tally: &mut Tally, number: u64, draw: &Draw, dear: bool) {
         );
     }
     if dear {
-        dense(tally, number, draw, &[exact, projected, absolute], size, gap);
+        dense(
+            tally,
+            number,
+            draw,
+            &[exact, projected, absolute],
+            size,
+            gap,
+        );
     }
 }
 

@@ -124,9 +124,8 @@ fn rotation(tally: &mut Tally, number: u64, m: &Matrix3<f64>, known: &Known) {
         let s = scaled(&stretch, -known.exponent);
         let error = beyond((r * s - unit).amax(), 4.0 * known.rounding);
         tally.check(number, "R S = M", error, 2e-14);
-        let planted = known.svd.v
-            * Matrix3::from_diagonal(&known.svd.sigma)
-            * known.svd.v.transpose();
+        let planted =
+            known.svd.v * Matrix3::from_diagonal(&known.svd.sigma) * known.svd.v.transpose();
         if known.gap > 1e-12 {
             let error = beyond((s - planted).amax(), 4.0 * known.rounding);
             let error = error / (1.0 + 1.0 / known.gap);

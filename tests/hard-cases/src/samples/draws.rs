@@ -130,16 +130,23 @@ fn tangents(random: &mut Random) -> [Matrix3<f64>; 2] {
     })
 }
 
-/// `2^e x`, also where `2^e` is no number.
-pub fn scaled(m: &Matrix3<f64>, e: i32) -> Matrix3<f64> {
-    m.map(|x| times_power(x, e))
+/// Three factors of `2^e`, also where that is no number; only the last product may round.
+fn power_in_parts(e: i32) -> [f64; 3] {
+    let part = e / 3;
+    let power = |e: i32| f64::from_bits(((e + 1023) as u64) << 52);
+    [power(part), power(part), power(e - 2 * part)]
 }
 
-/// `2^e x`, also where `2^e` is no number.
+/// `2^e M`.
+pub fn scaled(m: &Matrix3<f64>, e: i32) -> Matrix3<f64> {
+    let [a, b, c] = power_in_parts(e);
+    m.map(|x| x * a * b * c)
+}
+
+/// `2^e x`.
 pub fn times_power(x: f64, e: i32) -> f64 {
-    // In thirds, of which only the last may round.
-    let part = e / 3;
-    x * 2.0_f64.powi(part) * 2.0_f64.powi(part) * 2.0_f64.powi(e - 2 * part)
+    let [a, b, c] = power_in_parts(e);
+    x * a * b * c
 }
 
 /// The exponent of the power of two that is as large as the largest entry; zero for the zero matrix.

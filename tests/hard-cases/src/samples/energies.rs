@@ -45,7 +45,8 @@ pub fn check(tally: &mut Tally, number: u64, draw: &Draw, dear: bool) {
     );
     let r = polar_rotation(&product);
     let expected = f - r * a;
-    let error = (gradient / size.max(f64::MIN_POSITIVE) - expected / size.max(f64::MIN_POSITIVE)).amax();
+    let error =
+        (gradient / size.max(f64::MIN_POSITIVE) - expected / size.max(f64::MIN_POSITIVE)).amax();
     tally.check(number, "gradient is F - R A", error, 4e-15);
     if !(1e-100..1e100).contains(&size) {
         return;

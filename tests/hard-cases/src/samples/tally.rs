@@ -1,7 +1,6 @@
 //! Counts of what held and what did not, over the draws of a class.
 
 use crate::case::Finding;
-use std::collections::BTreeMap;
 
 /// What is known of one identity.
 #[derive(Debug, Clone, Default)]
@@ -14,11 +13,34 @@ struct Entry {
     first: Option<(u64, f64)>,
 }
 
+/// Identities by their names, in the order in which they were met.
+#[derive(Debug, Clone, Default)]
+struct Entries(Vec<(&'static str, Entry)>);
+
+impl Entries {
+    fn of(&mut self, name: &'static str) -> &mut Entry {
+        // Dozens of look-ups per draw: the address is enough where it is the same.
+        let place = self.0.iter().position(|(n, _)| std::ptr::eq(*n, name));
+        let place = place.or_else(|| self.0.iter().position(|(n, _)| *n == name));
+        let place = place.unwrap_or_else(|| {
+            self.0.push((name, Entry::default()));
+            self.0.len() - 1
+        });
+        &mut self.0[place].1
+    }
+
+    fn merge(&mut self, other: &Self) {
+        for (name, entry) in &other.0 {
+            self.of(name).merge(entry);
+        }
+    }
+}
+
 /// The identities of a class of samples.
 #[derive(Debug, Clone, Default)]
 pub struct Tally {
-    exact: BTreeMap<&'static str, Entry>,
-    slopes: BTreeMap<&'static str, Entry>,
+    exact: Entries,
+    slopes: Entries,
     /// Finite differences that were taken.
     differences: usize,
     pair_sum: Option<f64>,
@@ -49,7 +71,7 @@ impl Entry {
 impl Tally {
     /// An identity that holds up to rounding: `error`, relative to what rounding may do, is at most `bound`.
     pub fn check(&mut self, draw: u64, name: &'static str, error: f64, bound: f64) {
-        self.exact.entry(name).or_default().see(draw, error, bound);
+        self.exact.of(name).see(draw, error, bound);
     }
 
     /// Something that is so or not.
@@ -61,7 +83,7 @@ impl Tally {
     /// A derivative against the slope of finite differences.
     pub fn slope(&mut self, draw: u64, name: &'static str, error: f64, bound: f64) {
         self.differences += 1;
-        self.slopes.entry(name).or_default().see(draw, error, bound);
+        self.slopes.of(name).see(draw, error, bound);
     }
 
     /// A linearisation and its smallest pair sum.
@@ -76,12 +98,8 @@ impl Tally {
 
     /// Takes in what was found in later draws of the same class.
     pub fn merge(&mut self, other: &Self) {
-        for (name, entry) in &other.exact {
-            self.exact.entry(name).or_default().merge(entry);
-        }
-        for (name, entry) in &other.slopes {
-            self.slopes.entry(name).or_default().merge(entry);
-        }
+        self.exact.merge(&other.exact);
+        self.slopes.merge(&other.slopes);
         self.differences += other.differences;
         if let Some(sum) = other.pair_sum {
             self.see_pair_sum(sum);
@@ -97,7 +115,7 @@ impl Tally {
             negative_curvature: self.negative,
             ..Finding::default()
         };
-        for (name, entry) in self.exact.iter().chain(&self.slopes) {
+        for (name, entry) in self.exact.0.iter().chain(&self.slopes.0) {
             if let Some((draw, error)) = entry.first {
                 finding.broken.push(format!(
                     "{name}: {} times, first at draw {draw} with {error:.1e}, worst {:.1e}",
@@ -105,12 +123,12 @@ impl Tally {
                 ));
             }
         }
-        for entry in self.exact.values() {
+        for (_, entry) in &self.exact.0 {
             if !(entry.worst <= finding.residual) {
                 finding.residual = entry.worst;
             }
         }
-        if let Some(worst) = self.slopes.values().map(|e| e.worst).reduce(f64::max) {
+        if let Some(worst) = self.slopes.0.iter().map(|(_, e)| e.worst).reduce(f64::max) {
             finding.notes.push(format!(
                 "{} finite differences, the worst {worst:.1e} off",
                 self.differences
@@ -126,7 +144,7 @@ impl Tally {
     pub fn table(&self) -> String {
         use std::fmt::Write;
         let mut text = String::new();
-        for (name, entry) in self.exact.iter().chain(&self.slopes) {
+        for (name, entry) in self.exact.0.iter().chain(&self.slopes.0) {
             let _ = writeln!(text, "  {name:<45} {:.1e}", entry.worst);
         }
         text
