@@ -137,7 +137,7 @@ impl Finding {
         }
         self.iterations += other.iterations;
         // A residual that is not a number must not hide behind one that is.
-        if !(other.residual <= self.residual) {
+        if other.residual.is_nan() || other.residual > self.residual {
             self.residual = other.residual;
         }
         self.see_pair_sum(other.smallest_pair_sum);

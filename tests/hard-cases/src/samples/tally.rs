@@ -47,22 +47,22 @@ pub struct Tally {
     negative: bool,
 }
 
+/// The larger of two errors; one that is not a number is the worst.
+fn worse(a: f64, b: f64) -> f64 {
+    if a.is_nan() || a > b { a } else { b }
+}
+
 impl Entry {
     fn see(&mut self, draw: u64, error: f64, bound: f64) {
-        // Written so that an error that is not a number counts as the worst.
-        if !(error <= self.worst) && !self.worst.is_nan() {
-            self.worst = error;
-        }
-        if !(error <= bound) {
+        self.worst = worse(self.worst, error);
+        if error.is_nan() || error > bound {
             self.failures += 1;
             self.first.get_or_insert((draw, error));
         }
     }
 
     fn merge(&mut self, other: &Self) {
-        if !(other.worst <= self.worst) && !self.worst.is_nan() {
-            self.worst = other.worst;
-        }
+        self.worst = worse(self.worst, other.worst);
         self.failures += other.failures;
         self.first = self.first.or(other.first);
     }
@@ -124,11 +124,9 @@ impl Tally {
             }
         }
         for (_, entry) in &self.exact.0 {
-            if !(entry.worst <= finding.residual) {
-                finding.residual = entry.worst;
-            }
+            finding.residual = worse(finding.residual, entry.worst);
         }
-        if let Some(worst) = self.slopes.0.iter().map(|(_, e)| e.worst).reduce(f64::max) {
+        if let Some(worst) = self.slopes.0.iter().map(|(_, e)| e.worst).reduce(worse) {
             finding.notes.push(format!(
                 "{} finite differences, the worst {worst:.1e} off",
                 self.differences
