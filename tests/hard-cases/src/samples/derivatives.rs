@@ -90,7 +90,8 @@ pub fn check(tally: &mut Tally, number: u64, draw: &Draw, known: &Known, dear: b
     let gap = raised.x / s.x.max(f64::MIN_POSITIVE);
     if known.gap > COMPARED {
         let expected = textbook(known, &raised, &draw.tangents[0]) * times_power(1.0, size - e);
-        let error = (dx - expected).amax() / unit / (1.0 + 1.0 / gap);
+        // A sum that was raised does not make the vectors better known.
+        let error = (dx - expected).amax() / unit / (1.0 + 1.0 / known.gap);
         tally.check(number, "H_R as in textbooks", error, 4e-14);
         if known.gap > 1e-3 && g.pair_sums.amax() < f64::MAX && e.abs() < 500 {
             let error = (g.factor * g.pair_sums - Matrix3::identity()).amax() * gap;

@@ -13,6 +13,9 @@ use polar_grad::{
 /// Gaps for which finite differences find a slope.
 const SMOOTH: f64 = 1e-3;
 
+/// What rounding of an energy, squared entries of two sizes, may add to a slope, in entries over the step.
+const ROUNDING: f64 = 5e-15;
+
 /// Sum of products of six entries.
 fn dot(a: &[f64; 6], b: &[f64; 6]) -> f64 {
     a.iter().zip(b).map(|(a, b)| a * b).sum()
@@ -76,7 +79,7 @@ pub fn check(tally: &mut Tally, number: u64, draw: &Draw, dear: bool) {
     // Along F: a step that turns little, and what rounding of the energy then costs.
     let along = (x * a).norm().max(f64::MIN_POSITIVE);
     let h = (0.02 * pair_sum / along).min(0.1 * size);
-    let rounding = 1e-15 * size / h;
+    let rounding = ROUNDING * size / h;
     if rounding < 1e-5 {
         let by_differences = slope(|t| shape_targeting_energy(&(f + x * t), a), h);
         let error = (by_differences - gradient.dot(x)).abs() / size;
@@ -93,7 +96,7 @@ pub fn check(tally: &mut Tally, number: u64, draw: &Draw, dear: bool) {
     let d_a = (x + x.transpose()) * 0.5;
     let along = (f * d_a).norm().max(f64::MIN_POSITIVE);
     let h = (0.02 * pair_sum / along).min(0.1 * size);
-    let rounding = 1e-15 * size / h;
+    let rounding = ROUNDING * size / h;
     if rounding < 1e-5 {
         let by_differences = slope(|t| shape_targeting_energy(f, &(a + d_a * t)), h);
         let error = (by_differences - dot(&by_a, &b)).abs() / size;
