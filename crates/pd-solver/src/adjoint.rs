@@ -29,7 +29,8 @@ pub(crate) fn is_equilibrium(
     }
     space.reserve(problem.len());
     problem.evaluate(&solution.positions, &mut space.gradient);
-    let allowed = RESIDUAL_SLACK * solution.stats.gradient_norm + problem.gradient_floor();
+    let allowed =
+        RESIDUAL_SLACK * solution.stats.gradient_norm + problem.gradient_floor(&solution.positions);
     norm(&space.gradient) <= allowed
 }
 

@@ -17,6 +17,9 @@ pub(crate) struct FloatingPart {
     centroid: Vector3<f64>,
     /// From there to each node at rest.
     arms: Vec<Vector3<f64>>,
+    /// The same where the Hessian was linearised, and the inverse of their inertia.
+    linearised: Vec<Vector3<f64>>,
+    inverse_inertia: Matrix3<f64>,
 }
 
 impl FloatingPart {
@@ -54,9 +57,35 @@ impl FloatingPart {
         let centroid = mean(&nodes, rest);
         let arms = nodes.iter().map(|&n| rest[n as usize] - centroid).collect();
         Self {
+            linearised: vec![Vector3::zeros(); nodes.len()],
+            inverse_inertia: Matrix3::zeros(),
             nodes,
             centroid,
             arms,
+        }
+    }
+
+    /// Prepares [`Self::add_rigid`] at `u`.
+    pub(crate) fn linearise(&mut self, u: &[Vector3<f64>]) {
+        let middle = mean(&self.nodes, u);
+        let mut inertia = Matrix3::zeros();
+        for (arm, &node) in self.linearised.iter_mut().zip(&self.nodes) {
+            *arm = u[node as usize] - middle;
+            inertia += Matrix3::from_diagonal_element(arm.norm_squared()) - *arm * arm.transpose();
+        }
+        // All nodes on a line: what turns about it moves nothing.
+        self.inverse_inertia = inertia.try_inverse().unwrap_or_default();
+    }
+
+    /// Adds `stiffness` times the share of `x` that is a motion of the part as a whole: the Hessian has none, and a linear solve with it would
+    /// drift along them by roundoff. Where the right-hand side is consistent, the solution is the same.
+    pub(crate) fn add_rigid(&self, stiffness: f64, x: &[Vector3<f64>], out: &mut [Vector3<f64>]) {
+        let push = mean(&self.nodes, x);
+        let nodes = self.nodes.iter().zip(&self.linearised);
+        let spin: Vector3<f64> = nodes.map(|(&n, arm)| arm.cross(&x[n as usize])).sum();
+        let turn = self.inverse_inertia * spin;
+        for (&node, arm) in self.nodes.iter().zip(&self.linearised) {
+            out[node as usize] += (push + turn.cross(arm)) * stiffness;
         }
     }
 

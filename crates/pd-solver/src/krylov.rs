@@ -43,6 +43,7 @@ pub(crate) struct System<'a> {
 impl LinearOperator for System<'_> {
     fn apply(&mut self, x: &[Vector3<f64>], out: &mut NodalVector) {
         self.problem.full_hessian_product(x, out);
+        self.problem.add_rigid(x, out);
         self.problem.clear_prescribed(out);
     }
 

@@ -7,7 +7,7 @@ use crate::floating::{FloatingPart, PIN};
 use crate::multigrid::{ElementForm, Hierarchy};
 use crate::solution::Work;
 use crate::spec::{EffectSpec, Parameters};
-use crate::vector::{NodalVector, norm};
+use crate::vector::{NodalVector, max_norm, norm};
 use hex_mesh::HexMesh;
 use nalgebra::Vector3;
 use std::time::{Duration, Instant};
@@ -16,6 +16,8 @@ use std::time::{Duration, Instant};
 /// stiffness times the edge of a fine element: stiff against the flesh around, which is all that a start needs.
 const ANCHOR: f64 = 4.0;
 
+/// Roundoff of a strain times an edge, in units of the size of positions.
+const POSITION_ROUNDOFF: f64 = 2e-16;
 /// Share of a gradient that is roundoff once motions as a whole are taken out of it.
 const CONSISTENT: f64 = 1e-13;
 
@@ -204,6 +206,13 @@ impl Problem {
         self.floating.iter().for_each(|part| part.align(u));
     }
 
+    /// Adds to a product with the Hessian what makes it regular for parts that float, as stiff as the pins of preconditioners.
+    pub(crate) fn add_rigid(&self, x: &[Vector3<f64>], out: &mut [Vector3<f64>]) {
+        let stiffness = PIN * self.elastic_stiffness * self.element_size;
+        let parts = self.floating.iter();
+        parts.for_each(|part| part.add_rigid(stiffness, x, out));
+    }
+
     /// Makes the gradient `b` by the positions at an aligned `u` one that parts which float can answer.
     pub(crate) fn make_consistent(&self, u: &[Vector3<f64>], b: &mut [Vector3<f64>]) {
         if self.floating.is_empty() {
@@ -253,6 +262,7 @@ impl Problem {
 
     pub(crate) fn linearise(&mut self, u: &[Vector3<f64>]) {
         self.effects.iter_mut().for_each(|e| e.linearise(u));
+        self.floating.iter_mut().for_each(|part| part.linearise(u));
         self.work.linearisations += 1;
         self.work.smallest_pair_sum = self
             .effects
@@ -288,10 +298,13 @@ impl Problem {
         }
     }
 
-    /// A gradient norm that is roundoff for this body: no method can go below it.
-    pub(crate) fn gradient_floor(&self) -> f64 {
+    /// A gradient norm that is roundoff for this body at `u`: no method can go below it. Strains are differences of positions, which have the
+    /// roundoff of their size.
+    pub(crate) fn gradient_floor(&self, u: &[Vector3<f64>]) -> f64 {
         let stiffest: f64 = self.effects.iter().map(|e| e.largest_diagonal()).sum();
-        1e-15 * stiffest * self.element_size * (self.len() as f64).sqrt()
+        let of_positions = POSITION_ROUNDOFF * max_norm(u);
+        let length = (1e-15 * self.element_size).max(of_positions);
+        length * stiffest * (self.len() as f64).sqrt()
     }
 
     /// Samples whose volume is turned inside out at `u`.

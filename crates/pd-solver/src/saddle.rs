@@ -128,7 +128,7 @@ impl Solver {
         for _ in 0..MAX_DOUBLINGS {
             add_scaled(u, 2.0 * step, direction, &mut space.last);
             let energy = problem.evaluate(&space.last, &mut space.last_gradient);
-            if !(energy < least) {
+            if energy.is_nan() || energy >= least {
                 break;
             }
             (step, least) = (2.0 * step, energy);

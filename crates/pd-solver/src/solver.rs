@@ -355,7 +355,7 @@ impl Solver {
                 self.problem.impose(parameters, u);
             }
         }
-        let floor = self.problem.gradient_floor();
+        let floor = self.problem.gradient_floor(u);
         let target = match options.stop {
             Stop::Accuracy(length) => Target {
                 tell_error: true,

@@ -1,7 +1,7 @@
 //! Gradients where there is next to none.
 
 use crate::body::{Body, elasticity, held, nodes_where};
-use crate::case::{Case, Effort, Finding, Section};
+use crate::case::{Case, Entry, Finding, Section};
 use crate::check::{checked_solve, gradient_holds};
 use hex_mesh::{HexMesh, Quadrature};
 use nalgebra::Vector3;
@@ -13,7 +13,7 @@ use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
 pub fn cases() -> Vec<Case> {
-    let all: [(&str, &str, fn(&Effort) -> Finding); 9] = [
+    let all: [Entry; 9] = [
         (
             "at the point of buckling",
             "a slender bar between two walls that grows until it is about to bend: the Hessian is next to singular, and the adjoint must say so",

@@ -1,7 +1,7 @@
 //! Bodies that hardly hang together, or hang on nothing, or have a size that nothing has.
 
 use crate::body::{Body, METHODS, elasticity, held, max_distance, name, nodes_where};
-use crate::case::{Case, Effort, Finding, Section};
+use crate::case::{Case, Entry, Finding, Section};
 use crate::check::{checked_solve, gradient_holds};
 use hex_mesh::{HexMesh, Quadrature};
 use nalgebra::{Rotation3, Vector3};
@@ -17,7 +17,7 @@ const ASKED: f64 = 1e-8;
 const NEAR: f64 = 1e-6;
 
 pub fn cases() -> Vec<Case> {
-    let all: [(&str, &str, fn(&Effort) -> Finding); 11] = [
+    let all: [Entry; 11] = [
         (
             "one element",
             "eight nodes, one of them held: the element takes the size it wants about it, and what turns it has no resistance",

@@ -65,12 +65,6 @@ impl Body {
         Self::new(mesh, &[elasticity(), held(wall)])
     }
 
-    /// The length of its bounding box's diagonal at rest.
-    pub fn diagonal(&self) -> f64 {
-        let [low, high] = self.bounds();
-        (high - low).norm()
-    }
-
     /// Lowest and highest corner of the bounding box at rest.
     pub fn bounds(&self) -> [Vector3<f64>; 2] {
         let nodes = self.mesh.nodes();

@@ -65,6 +65,9 @@ impl Effort {
     };
 }
 
+/// A case as its chapter lists it: name, story, and what is done.
+pub(crate) type Entry = (&'static str, &'static str, fn(&Effort) -> Finding);
+
 /// A hard case.
 pub struct Case {
     /// Chapter.

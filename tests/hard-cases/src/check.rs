@@ -98,7 +98,7 @@ pub fn gradient_holds(
 ) -> Finding {
     let mut finding = Finding::default();
     let tight = SolveOptions {
-        max_iterations: 60,
+        max_iterations: 30,
         ..SolveOptions::new(Stop::Accuracy(TIGHT * body.mesh.element_size()))
             .with_method(Method::Newton)
     };
@@ -199,7 +199,10 @@ pub fn never_rises(
             }
         };
         let rise = energy - last;
-        finding.require(!(rise > ROUNDOFF * energy.abs().max(1e-300)), || {
+        finding.require(energy.is_finite(), || {
+            format!("{}: energy {energy}", name(method))
+        });
+        finding.require(rise <= ROUNDOFF * energy.abs().max(1e-300), || {
             format!(
                 "{}: the energy rises by {rise:.1e} up to iteration {limit}",
                 name(method)

@@ -105,7 +105,8 @@ impl CoarseBody {
         let target = Target {
             tell_error: false,
             accuracy: None,
-            gradient: (TOLERANCE * norm(&self.space.gradient)).max(self.problem.gradient_floor()),
+            gradient: (TOLERANCE * norm(&self.space.gradient))
+                .max(self.problem.gradient_floor(&self.u)),
         };
         multigrid.trust(level);
         let mut pre = AtLevel { multigrid, level };

@@ -22,7 +22,7 @@ const TRUSTED_HISTORY: usize = 3;
 const TRUSTED_HISTORY_OF_CYCLE: usize = 2;
 /// Steps after which a method whose preconditioner follows the state gives up: it creeps along a valley that is flat by the true Hessian, where
 /// Newton steps are long.
-const PATIENCE: usize = 200;
+const PATIENCE: usize = 500;
 /// Residual of the Newton step that verifies an error estimate; and where the preconditioner is blind to something soft, for which only
 /// a small residual speaks.
 const VERIFIED: f64 = 0.1;
