@@ -1,6 +1,6 @@
 //! Hostile input for every reader of the workspace.
 //!
-//! A [`Target`] is a reader: [`targets`] lists those that user files reach. Inputs are made, not guided: [`Source`] either builds a file of
+//! A [`Target`] is a reader: [`targets()`] lists those that user files reach. Inputs are made, not guided: [`Source`] either builds a file of
 //! the target's format with values replaced one by one ([`formats`]), or takes a seed file, and then damages bytes ([`damage`]). Nothing
 //! measures which code an input reaches, as that needs a nightly compiler or a C++ one; the share of accepted inputs and the number of
 //! different outcomes tell whether inputs get anywhere. Input number `i` of a seed depends on nothing that was run before, so any can be made again.
