@@ -298,11 +298,12 @@ impl Problem {
         }
     }
 
-    /// A gradient norm that is roundoff for this body at `u`: no method can go below it. Strains are differences of positions, which have the
-    /// roundoff of their size.
+    /// A gradient norm that is roundoff for this body, its held nodes being where they are in `u`: no method can go below it. Strains are
+    /// differences of positions, which have the roundoff of their size. Free nodes of a start may be anywhere and say nothing.
     pub(crate) fn gradient_floor(&self, u: &[Vector3<f64>]) -> f64 {
         let stiffest: f64 = self.effects.iter().map(|e| e.largest_diagonal()).sum();
-        let of_positions = POSITION_ROUNDOFF * max_norm(u);
+        let held = self.prescribed.iter().map(|&n| u[n as usize].norm());
+        let of_positions = POSITION_ROUNDOFF * held.fold(max_norm(&self.rest), f64::max);
         let length = (1e-15 * self.element_size).max(of_positions);
         length * stiffest * (self.len() as f64).sqrt()
     }

@@ -333,6 +333,7 @@ impl Solver {
         match (start, method, &mut self.cycle) {
             (Some(start), ..) => {
                 u.copy_from_slice(start);
+                self.problem.align_floating(u);
                 self.problem.impose(parameters, u);
             }
             (None, Method::Multigrid, Some(cycle)) => {
