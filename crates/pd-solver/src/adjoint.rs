@@ -135,20 +135,19 @@ pub(crate) fn adjoint(
     } else {
         let z = &mut out.multiplier;
         z.resize(n, Vector3::zeros());
-        z.copy_from_slice(&space.krylov.x);
-        gradient(problem, space, u, cotangent, scale, out);
-        scale_up(&mut out.multiplier, scale);
+        let solved = z.iter_mut().zip(&space.krylov.x);
+        solved.for_each(|(z, x)| *z = x * scale);
+        gradient(problem, space, u, cotangent, out);
     }
     out.stats.seconds = start.elapsed().as_secs_f64();
 }
 
-/// dL/d parameters from the multiplier of the cotangent divided by `scale`.
+/// dL/d parameters from the multiplier.
 fn gradient(
     problem: &mut Problem,
     space: &mut Workspace,
     u: &[Vector3<f64>],
     cotangent: &[Vector3<f64>],
-    scale: f64,
     out: &mut Adjoint,
 ) {
     let like = &problem.rest_parameters;
@@ -161,18 +160,9 @@ fn gradient(
     };
     problem.parameter_vjp(u, &out.multiplier, gradient);
     problem.full_hessian_product(&out.multiplier, &mut space.scratch);
-    for b in &mut gradient.actuation {
-        b.iter_mut().for_each(|b| *b *= scale);
-    }
-    scale_up(&mut gradient.spring_targets, scale);
-    scale_up(&mut gradient.acceleration, scale);
     for (out, &node) in gradient.prescribed.iter_mut().zip(&problem.prescribed) {
-        *out = cotangent[node as usize] - space.scratch[node as usize] * scale;
+        *out = cotangent[node as usize] - space.scratch[node as usize];
     }
-}
-
-fn scale_up(x: &mut [Vector3<f64>], scale: f64) {
-    x.iter_mut().for_each(|x| *x *= scale);
 }
 
 impl Parameters {

@@ -2,7 +2,7 @@
 //! slope of what it belongs to.
 
 use crate::body::{Body, METHODS, name};
-use crate::case::{Case, Effort, Finding, Section};
+use crate::case::{Case, Finding, Section};
 use crate::check::{checked_solve, gradient_holds, never_rises};
 use nalgebra::{Matrix3, Rotation3, Vector3};
 use pd_solver::{Parameters, SolveOptions, Status, Stop};
@@ -69,7 +69,7 @@ pub fn cases() -> Vec<Case> {
                 Section::Actuations,
                 format!("actuation {name}"),
                 story,
-                move |effort| solve_all(make, effort),
+                move |_| solve_all(make),
             )
         })
         .collect()
@@ -91,7 +91,7 @@ fn by_parity(body: &Body, number: fn(&[i32; 3]) -> i32, stretches: [f64; 2]) -> 
 }
 
 /// Solves from rest by every method.
-fn solve_all(make: Actuation, _: &Effort) -> Finding {
+fn solve_all(make: Actuation) -> Finding {
     let mut body = Body::bar([12, 4, 4], 0.25);
     let parameters = make(&body);
     let rest = body.mesh.nodes().to_vec();

@@ -1,7 +1,7 @@
 //! Solves that begin somewhere hopeless. The material wants to be as it was, so the rest shape, with energy zero, is the answer.
 
 use crate::body::{Body, METHODS, max_distance, name};
-use crate::case::{Case, Effort, Finding, Section};
+use crate::case::{Case, Finding, Section};
 use crate::check::{checked_solve, never_rises};
 use nalgebra::{Rotation3, Vector3};
 use pd_solver::{SolveOptions, Status, Stop};
@@ -110,12 +110,9 @@ pub fn cases() -> Vec<Case> {
     let cases = all.into_iter();
     cases
         .map(|(name, story, seeds, start)| {
-            Case::new(
-                Section::Starts,
-                format!("start {name}"),
-                story,
-                move |effort| recover(start, seeds, effort),
-            )
+            Case::new(Section::Starts, format!("start {name}"), story, move |_| {
+                recover(start, seeds)
+            })
         })
         .collect()
 }
@@ -135,7 +132,7 @@ fn twisted(body: &Body, turns: f64) -> Vec<Vector3<f64>> {
 }
 
 /// Lets every method find the rest shape again.
-fn recover(start: Start, seeds: u64, _: &Effort) -> Finding {
+fn recover(start: Start, seeds: u64) -> Finding {
     let mut body = Body::bar([12, 4, 4], 0.25);
     let parameters = body.solver.rest_parameters();
     let mut finding = Finding::default();

@@ -83,15 +83,6 @@ fn finite(m: &nalgebra::Matrix3<f64>) -> bool {
 mod tests {
     use super::*;
 
-    /// `cargo test --release -p myofield-hard-cases -- --ignored --nocapture worst` prints them.
-    #[test]
-    #[ignore = "a table to read, not a test"]
-    fn worst_errors_of_every_identity() {
-        for class in CLASSES {
-            println!("{}\n{}", class.name, tally(class, 100_000).table());
-        }
-    }
-
     #[test]
     fn what_is_found_depends_on_the_number_of_the_draw_only() {
         let class = &CLASSES[5];
