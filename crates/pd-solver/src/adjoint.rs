@@ -2,12 +2,11 @@
 
 use crate::krylov::{LinearStatus, System, minres, smallest_ritz_value, solve_at};
 use crate::methods::{Preconditioner, Workspace};
+use crate::parameters::Parameters;
 use crate::problem::Problem;
 use crate::solution::{Adjoint, AdjointOptions, AdjointStats, AdjointStatus, Solution, Status};
-use crate::spec::Parameters;
 use crate::vector::norm;
 use nalgebra::Vector3;
-use rayon::prelude::*;
 use std::time::Instant;
 
 /// How much the residual at the given positions may exceed the one the forward solve reported: roundoff, not another state.
@@ -156,29 +155,15 @@ fn gradient(
             gradient.clear_like(like);
             gradient
         }
-        none => none.insert(like.zeros_like()),
+        none => {
+            let gradient = none.insert(Parameters::default());
+            gradient.clear_like(like);
+            gradient
+        }
     };
     problem.parameter_vjp(u, &out.multiplier, gradient);
     problem.full_hessian_product(&out.multiplier, &mut space.scratch);
     for (out, &node) in gradient.prescribed.iter_mut().zip(&problem.prescribed) {
         *out = cotangent[node as usize] - space.scratch[node as usize];
-    }
-}
-
-impl Parameters {
-    /// Makes this all zeros in the shape of `like`, using its memory again.
-    fn clear_like(&mut self, like: &Parameters) {
-        self.actuation.resize(like.actuation.len(), [0.0; 6]);
-        self.actuation
-            .par_chunks_mut(4096)
-            .for_each(|part| part.fill([0.0; 6]));
-        for (own, like) in [
-            (&mut self.prescribed, &like.prescribed),
-            (&mut self.spring_targets, &like.spring_targets),
-            (&mut self.acceleration, &like.acceleration),
-        ] {
-            own.clear();
-            own.resize(like.len(), Vector3::zeros());
-        }
     }
 }

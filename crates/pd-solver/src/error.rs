@@ -57,6 +57,52 @@ pub enum SolverError {
         /// Why.
         source: hex_mesh::HexMeshError,
     },
+    /// A region that selects nothing.
+    #[error(
+        "effect {index}: no {what} lies in the region: look at its numbers, which are in the unit of the body"
+    )]
+    EmptyRegion {
+        /// Position in the list of effects.
+        index: usize,
+        /// What was to be selected.
+        what: &'static str,
+    },
+    /// An effect that acts on the surface, of a solver that knows none.
+    #[error(
+        "effect {index} (`{kind}`) acts on the surface: build the solver with one, by `Solver::on_surface`"
+    )]
+    NoSurface {
+        /// Position in the list of effects.
+        index: usize,
+        /// Kind of the effect.
+        kind: &'static str,
+    },
+    /// A cavity with an opening.
+    #[error(
+        "effect {index}: the cavity is open along {edges} edges, one of them near ({:.4}, {:.4}, {:.4}): choose a region that holds all of its \
+         walls, or close its openings by `capped = true`",
+        near[0],
+        near[1],
+        near[2]
+    )]
+    OpenCavity {
+        /// Position in the list of effects.
+        index: usize,
+        /// Edges with a triangle on one side only.
+        edges: usize,
+        /// Where one of them is at rest.
+        near: [f64; 3],
+    },
+    /// Two effects that cannot stand together, or one that needs another.
+    #[error("effect {index} (`{kind}`): {why}")]
+    Excluded {
+        /// Position in the list of effects.
+        index: usize,
+        /// Kind of the effect.
+        kind: &'static str,
+        /// What it does not go with, and the mend.
+        why: &'static str,
+    },
     /// A connected part of the body that could move freely as a rigid body.
     #[error(
         "{count} connected nodes around node {node} are held by nothing, so their position is not determined: \
@@ -79,6 +125,11 @@ pub enum SolverError {
         /// Nodes in the part.
         count: usize,
     },
+    /// A step in time of a body without inertia.
+    #[error(
+        "the list of effects has no inertia: add one `inertia` effect, with density and time step"
+    )]
+    NoInertia,
     /// An array of parameters of the wrong length.
     #[error("`{what}` has {found} entries, expected {expected}")]
     WrongLength {

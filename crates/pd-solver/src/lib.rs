@@ -22,6 +22,7 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 
+mod activation;
 mod adjoint;
 mod assembly;
 mod constant;
@@ -32,29 +33,34 @@ mod forest;
 mod krylov;
 mod measure;
 mod methods;
+mod motion;
 mod multifrontal;
 mod multigrid;
-
 mod ordering;
 mod panel;
+mod parameters;
 mod preconditioners;
 mod problem;
 mod saddle;
 mod solution;
 mod solver;
 mod spec;
+mod surface;
 mod symbolic;
 mod vector;
 
 pub use constant::FactorSeconds;
 pub use effects::deformation_gradients;
 pub use error::SolverError;
+pub use motion::{Momenta, Motion, StepGradient, TimeStep};
+pub use parameters::Parameters;
 pub use solution::{
     Adjoint, AdjointOptions, AdjointStats, AdjointStatus, Estimate, Method, Solution, SolveOptions,
     SolveStats, Status, Stop, Work,
 };
 pub use solver::Solver;
-pub use spec::{EffectSpec, NodeSet, Parameters, SpringPoints};
+pub use spec::{EffectSpec, ElementSet, NodeSet, Obstacle, SpringPoints, TimeScheme};
+pub use surface::EmbeddedSurface;
 pub use vector::NodalVector;
 
 #[cfg(doctest)]

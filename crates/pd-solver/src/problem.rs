@@ -1,12 +1,15 @@
 //! The discrete problem on one grid: effects and prescribed nodes, as functions of the nodal positions.
 
+use crate::activation::Activation;
 use crate::constant::ConstantSystem;
-use crate::effects::{Batches, CoarseView, Effect, build, springs::Springs};
+use crate::effects::{Batches, CoarseView, Effect, Stepping, build, springs::Springs};
 use crate::error::SolverError;
 use crate::floating::{FloatingPart, PIN};
 use crate::multigrid::{ElementForm, Hierarchy};
+use crate::parameters::Parameters;
 use crate::solution::Work;
-use crate::spec::{EffectSpec, Parameters};
+use crate::spec::EffectSpec;
+use crate::surface::EmbeddedSurface;
 use crate::vector::{NodalVector, max_norm, norm};
 use hex_mesh::HexMesh;
 use nalgebra::Vector3;
@@ -35,13 +38,23 @@ pub(crate) struct Problem {
     pub(crate) element_size: f64,
     /// Energy per volume for a unit misfit.
     pub(crate) elastic_stiffness: f64,
+    /// Factors on that per element, where they differ.
+    pub(crate) stiffness: Option<Vec<f64>>,
+    /// Scales of the actuation, where they differ.
+    pub(crate) activation: Option<Activation>,
+    /// How the body steps in time, where it does.
+    pub(crate) inertia: Option<Stepping>,
     pub(crate) work: Work,
     /// Time in evaluations of energy and gradient since the body was built.
     pub(crate) local_time: Duration,
 }
 
 impl Problem {
-    pub(crate) fn new(mesh: &HexMesh, specs: &[EffectSpec]) -> Result<Self, SolverError> {
+    pub(crate) fn new(
+        mesh: &HexMesh,
+        surface: Option<&EmbeddedSurface>,
+        specs: &[EffectSpec],
+    ) -> Result<Self, SolverError> {
         let Batches {
             effects,
             prescribed,
@@ -49,14 +62,17 @@ impl Problem {
             anchored,
             may_float,
             elastic_stiffness,
-        } = build(mesh, specs)?;
+            stiffness,
+            activation,
+            inertia,
+        } = build(mesh, surface, specs)?;
         let floating = FloatingPart::find(mesh, prescribed.iter().chain(&anchored));
         if let Some(part) = floating.first() {
             let (node, count) = (part.nodes[0] as usize, part.nodes.len());
             if !may_float {
                 return Err(SolverError::NotHeld { node, count });
             }
-            if !rest_parameters.acceleration.is_empty() {
+            if !rest_parameters.acceleration.is_empty() || !rest_parameters.forces.is_empty() {
                 return Err(SolverError::Falls { node, count });
             }
         }
@@ -79,13 +95,16 @@ impl Problem {
             elements: mesh.elements().len(),
             element_size: mesh.element_size(),
             elastic_stiffness,
+            stiffness,
+            activation: activation.map(Activation::new),
+            inertia,
             work,
             local_time: Duration::ZERO,
         })
     }
 
-    /// The same body on the next coarser grid of the hierarchy, `level` being this problem's.
-    pub(crate) fn coarsen(&self, hierarchy: &Hierarchy, level: usize) -> Self {
+    /// The same body on the next coarser grid of the hierarchy, `level` being this problem's; `None` where an effect has no coarse twin.
+    pub(crate) fn coarsen(&self, hierarchy: &Hierarchy, level: usize) -> Option<Self> {
         let (grid, transfer) = (&hierarchy.grids[level + 1], &hierarchy.transfers[level]);
         let view = CoarseView {
             grid,
@@ -97,26 +116,34 @@ impl Problem {
         let prescribed: Vec<u32> = (0..held.len() as u32)
             .filter(|&n| held[n as usize])
             .collect();
-        let effects: Vec<Box<dyn Effect>> = self.effects.iter().map(|e| e.coarsen(&view)).collect();
+        let effects: Option<Vec<Box<dyn Effect>>> =
+            self.effects.iter().map(|e| e.coarsen(&view)).collect();
+        let effects = effects?;
         let rest_parameters = Parameters {
             actuation: vec![[0.0; 6]; grid.elements.len() * 8],
             prescribed: prescribed.iter().map(|&n| rest[n as usize]).collect(),
             spring_targets: self.rest_parameters.spring_targets.clone(),
             acceleration: self.rest_parameters.acceleration.clone(),
+            forces: self.rest_parameters.forces.clone(),
+            pressures: self.rest_parameters.pressures.clone(),
+            ..Parameters::default()
         };
-        Self {
+        Some(Self {
             effects,
             floating: Vec::new(),
-            pins: self.pins.as_ref().map(|pins| pins.coarsen(&view)),
+            pins: self.pins.as_ref().and_then(|pins| pins.coarsen(&view)),
             prescribed,
             rest,
             rest_parameters,
             elements: grid.elements.len(),
             element_size: self.element_size * 2.0,
             elastic_stiffness: self.elastic_stiffness,
+            stiffness: None,
+            activation: None,
+            inertia: None,
             work: Work::default(),
             local_time: Duration::ZERO,
-        }
+        })
     }
 
     /// Adds springs from points of the body to targets that follow the others in the parameters.
@@ -238,6 +265,22 @@ impl Problem {
             .for_each(|e| e.set_parameters(parameters));
     }
 
+    /// Whether the constant matrix bounds the Hessian.
+    pub(crate) fn is_bounded(&self) -> bool {
+        self.effects.iter().all(|e| e.is_bounded())
+    }
+
+    /// Whether an effect limits steps, and calls for Newton's method.
+    pub(crate) fn limits_steps(&self) -> bool {
+        self.effects.iter().any(|e| e.limits_steps())
+    }
+
+    /// The share of the way from the positions `from` to the positions `to` that a step may go.
+    pub(crate) fn step_limit(&mut self, from: &[Vector3<f64>], to: &[Vector3<f64>]) -> f64 {
+        let limits = self.effects.iter_mut().map(|e| e.step_limit(from, to));
+        limits.fold(1.0, f64::min)
+    }
+
     /// Writes the prescribed positions into `u`.
     pub(crate) fn impose(&self, parameters: &Parameters, u: &mut [Vector3<f64>]) {
         for (&node, position) in self.prescribed.iter().zip(&parameters.prescribed) {
@@ -290,6 +333,9 @@ impl Problem {
         self.effects
             .iter_mut()
             .for_each(|e| e.parameter_vjp(u, z, out));
+        if let Some(activation) = &self.activation {
+            activation.scale(&mut out.actuation);
+        }
     }
 
     pub(crate) fn clear_prescribed(&self, x: &mut [Vector3<f64>]) {
@@ -306,6 +352,11 @@ impl Problem {
         let of_positions = POSITION_ROUNDOFF * held.fold(max_norm(&self.rest), f64::max);
         let length = (1e-15 * self.element_size).max(of_positions);
         length * stiffest * (self.len() as f64).sqrt()
+    }
+
+    /// Searches of contact for what is near so far.
+    pub(crate) fn queries(&self) -> u64 {
+        self.effects.iter().map(|e| e.queries()).sum()
     }
 
     /// Samples whose volume is turned inside out at `u`.

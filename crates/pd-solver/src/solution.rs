@@ -1,6 +1,6 @@
 //! What a solve and its adjoint return.
 
-use crate::spec::Parameters;
+use crate::parameters::Parameters;
 use crate::vector::NodalVector;
 use serde::Serialize;
 
@@ -149,6 +149,8 @@ pub struct Work {
     pub linearisations: u64,
     /// Products with the Hessian.
     pub hessian_products: u64,
+    /// Searches of contact for what is near.
+    pub contact_queries: u64,
     /// Smallest s_i + s_j over all samples at the last linearisation; zero means a rotation that is not unique.
     pub smallest_pair_sum: Option<f64>,
 }

@@ -8,13 +8,15 @@ use crate::methods::{
     Outcome, Preconditioner, Target, Workspace, anderson, lbfgs, local_global, newton,
 };
 use crate::multigrid::Hierarchy;
+use crate::parameters::{Parameters, check_array};
 use crate::preconditioners::Cycle;
 use crate::problem::Problem;
 use crate::solution::{
     Adjoint, AdjointOptions, AdjointStatus, Method, Solution, SolveOptions, SolveStats, Status,
     Stop, Work,
 };
-use crate::spec::{EffectSpec, Parameters, check_array};
+use crate::spec::EffectSpec;
+use crate::surface::EmbeddedSurface;
 use crate::vector::{NodalVector, norm};
 use hex_mesh::HexMesh;
 use nalgebra::Vector3;
@@ -47,8 +49,28 @@ impl Solver {
     /// # Errors
     /// When an effect is not valid on this mesh, a part of the body is held by nothing and may not float, or a factorisation fails.
     pub fn new(mesh: &HexMesh, effects: &[EffectSpec]) -> Result<Self, SolverError> {
+        Self::build(mesh, None, effects)
+    }
+
+    /// Builds the solver of a body with a surface that hangs on it, for effects that act there.
+    ///
+    /// # Errors
+    /// As [`Solver::new`], and when the surface does not fit the mesh.
+    pub fn on_surface(
+        mesh: &HexMesh,
+        surface: &EmbeddedSurface,
+        effects: &[EffectSpec],
+    ) -> Result<Self, SolverError> {
+        Self::build(mesh, Some(surface), effects)
+    }
+
+    fn build(
+        mesh: &HexMesh,
+        surface: Option<&EmbeddedSurface>,
+        effects: &[EffectSpec],
+    ) -> Result<Self, SolverError> {
         let start = Instant::now();
-        let problem = Problem::new(mesh, effects)?;
+        let problem = Problem::new(mesh, surface, effects)?;
         let mut solver = Self {
             free: problem.free(),
             problem,
@@ -59,7 +81,11 @@ impl Solver {
             space: Workspace::default(),
             setup_seconds: 0.0,
         };
-        solver.hierarchy = Hierarchy::new(mesh, &solver.problem.prescribed);
+        solver.hierarchy = Hierarchy::new(
+            mesh,
+            &solver.problem.prescribed,
+            solver.problem.stiffness.as_deref(),
+        );
         if mesh.elements().len() < SMALL || !solver.add_cycle() {
             solver.factor()?;
         }
@@ -114,6 +140,10 @@ impl Solver {
         &self.problem.prescribed
     }
 
+    pub(crate) fn problem(&self) -> &Problem {
+        &self.problem
+    }
+
     /// The free nodes, by rising index.
     pub fn free(&self) -> &[u32] {
         &self.free
@@ -164,6 +194,7 @@ impl Solver {
     /// Work done since the solver was built.
     pub fn work(&self) -> Work {
         let mut work = self.problem.work;
+        work.contact_queries = self.problem.queries();
         if let Some(constant) = &self.constant {
             work.factorisations = 1;
             work.matrix_nonzeros = constant.nonzeros();
@@ -218,6 +249,11 @@ impl Solver {
     }
 
     fn set_parameters(&mut self, parameters: &Parameters) {
+        let mut activation = self.problem.activation.take();
+        let parameters = match &mut activation {
+            Some(activation) => activation.apply(parameters),
+            None => parameters,
+        };
         self.problem.set_parameters(parameters);
         if let Some(cycle) = &mut self.cycle {
             let samples = parameters.actuation.len() / self.problem.elements;
@@ -225,6 +261,7 @@ impl Solver {
                 .multigrid
                 .set_actuation(&parameters.actuation, samples);
         }
+        self.problem.activation = activation;
     }
 
     /// Finds the equilibrium reached from `start` (the rest shape where not given; prescribed nodes are moved into place).
@@ -283,6 +320,11 @@ impl Solver {
 
     /// The method that is run for the one asked for, with what it needs in place.
     fn choose(&mut self, asked: Method) -> Result<Method, SolverError> {
+        let asked = match asked {
+            Method::Automatic if self.problem.limits_steps() => Method::Newton,
+            Method::LocalGlobal | Method::Anderson if !self.problem.is_bounded() => Method::Lbfgs,
+            other => other,
+        };
         let multigrid = match asked {
             Method::Automatic => self.cycle.is_some(),
             Method::Multigrid => self.add_cycle(),
@@ -320,7 +362,9 @@ impl Solver {
         }
         let (rest_energy, rest_gradient) = match (options.stop, start, method) {
             (Stop::Accuracy(_), Some(_), _) => (f64::INFINITY, None),
-            (Stop::Accuracy(_), None, m) if m != Method::Multigrid => (f64::INFINITY, None),
+            (Stop::Accuracy(_), None, m) if m != Method::Multigrid || self.coarse.is_empty() => {
+                (f64::INFINITY, None)
+            }
             _ => {
                 u.copy_from_slice(&self.problem.rest);
                 self.problem.impose(parameters, u);
@@ -336,7 +380,7 @@ impl Solver {
                 self.problem.align_floating(u);
                 self.problem.impose(parameters, u);
             }
-            (None, Method::Multigrid, Some(cycle)) => {
+            (None, Method::Multigrid, Some(cycle)) if !self.coarse.is_empty() => {
                 let (coarse, rest) = (&mut self.coarse, &self.problem.rest);
                 coarse_iterations =
                     coarse_to_fine::start(coarse, &mut cycle.multigrid, parameters, rest, u);
@@ -542,7 +586,7 @@ impl Solver {
     }
 }
 
-fn check_positions(
+pub(crate) fn check_positions(
     what: &'static str,
     x: &[Vector3<f64>],
     expected: usize,

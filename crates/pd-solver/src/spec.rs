@@ -1,13 +1,14 @@
-//! What a caller writes: the list of effects that a scene calls for, and the parameters that change between solves.
+//! What a caller writes: the list of effects that a scene calls for.
 
 use crate::error::SolverError;
+use crate::parameters::check_array;
 use hex_mesh::{EmbeddedPoint, HexMesh, NodeRegion};
 use nalgebra::Vector3;
-use rayon::prelude::*;
 use serde::de::value::{MapAccessDeserializer, SeqAccessDeserializer};
 use serde::de::{MapAccess, SeqAccess, Visitor};
 use serde::{Deserialize, Deserializer, Serialize};
 use std::fmt::Formatter;
+use std::marker::PhantomData;
 
 /// One effect of a scene. What is not listed allocates nothing, adds no matrix entry, and has no branch in any loop.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -42,6 +43,122 @@ pub enum EffectSpec {
         /// Mass per rest volume.
         density: f64,
     },
+    /// Another stiffness in a part of the body: a factor on that of `elasticity`. Where parts overlap, factors multiply.
+    Stiffness {
+        /// Which elements.
+        elements: ElementSet,
+        /// Factor, above zero; a painted set scales its distance from 1.
+        factor: f64,
+    },
+    /// Material that follows the actuation less, or not at all: its stretch is `A = I + scale sym(b)`. Where parts overlap, scales multiply.
+    Activation {
+        /// Which elements.
+        elements: ElementSet,
+        /// 0 for passive material (fat, a scar, a paralysed half), 1 for what needs no entry; a painted set scales its distance from 1.
+        scale: f64,
+    },
+    /// Flesh that resists a change of volume: energy `stiffness / 2 |F - D|^2` per rest volume, with the mean deformation gradient F of an
+    /// element and the nearest D of determinant 1.
+    Volume {
+        /// Energy per volume for a unit misfit. Ten times that of elasticity holds volumes to some percent.
+        stiffness: f64,
+    },
+    /// Pressure in a cavity that is closed, or that fans over its openings close: energy `- pressure V`.
+    Pressure {
+        /// The cavity's walls: triangles of the surface whose vertices are all in a region. All of the surface where not given.
+        region: Option<NodeRegion>,
+        /// Whether openings are closed by a fan of triangles to the middle of their border. An open cavity is refused otherwise.
+        #[serde(default)]
+        capped: bool,
+        /// Force per area, outwards from the cavity: positive blows it up.
+        pressure: f64,
+    },
+    /// A force on a patch of the surface, shared by area; it keeps its direction. Energy `- force . x`.
+    Force {
+        /// The vertices that it acts on; all where not given.
+        region: Option<NodeRegion>,
+        /// The whole force.
+        force: [f64; 3],
+    },
+    /// Wind on a patch of the surface: a force per area along the wind on what faces it at rest, in proportion to the area across the wind.
+    /// It keeps its direction and its strength while the body moves.
+    Wind {
+        /// The vertices that it acts on; all where not given.
+        region: Option<NodeRegion>,
+        /// Force per area across the wind.
+        pressure: [f64; 3],
+    },
+    /// Inertia: every solve is one step in time, from [`Parameters::inertia`]. See [`Motion`](crate::Motion).
+    Inertia {
+        /// Mass per rest volume.
+        density: f64,
+        /// Length of a step in time.
+        time_step: f64,
+        /// The rule that steps in time.
+        #[serde(default)]
+        scheme: TimeScheme,
+    },
+    /// Friction inside the flesh, where there is inertia: the power `viscosity |dE/dt|^2` per rest volume goes, with the Green strain E.
+    Damping {
+        /// Stress per rate of strain.
+        viscosity: f64,
+    },
+    /// Contact of the surface with itself and with other bodies: a barrier that begins at a distance and that nothing passes.
+    Contact {
+        /// The vertices that may touch; all where not given.
+        region: Option<NodeRegion>,
+        /// Distance at which the barrier begins.
+        distance: f64,
+        /// Energy per area and distance of the barrier, see the table of effects; that of `elasticity` per volume where not given.
+        stiffness: Option<f64>,
+        /// Whether the surface touches itself.
+        #[serde(default = "yes")]
+        own: bool,
+        /// Other bodies.
+        #[serde(default)]
+        obstacles: Vec<Obstacle>,
+    },
+}
+
+/// The rule by which a body steps in time.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum TimeScheme {
+    /// Backward Euler: of first order, takes energy out of fast vibrations, stable whatever the step.
+    #[default]
+    BackwardEuler,
+    /// Implicit midpoint: of second order, keeps linear and angular momentum, and energy on the whole.
+    Midpoint,
+}
+
+/// A body that does not give way.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(tag = "type", rename_all = "snake_case", deny_unknown_fields)]
+pub enum Obstacle {
+    /// Everything below a plane: the body stays where `normal . x >= offset`.
+    Plane {
+        /// Direction out of the obstacle; any length but zero.
+        normal: [f64; 3],
+        /// `normal . x` of the points on the plane.
+        offset: f64,
+    },
+    /// A surface of triangles, closed or not; its vertices are in [`Parameters::obstacles`] and may move from solve to solve.
+    Surface {
+        /// Vertices where it stands at rest.
+        vertices: Vec<[f64; 3]>,
+        /// Triangles, by three vertices.
+        triangles: Vec<[u32; 3]>,
+    },
+}
+
+/// Elements by a part of space, or painted.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+#[serde(untagged)]
+pub enum ElementSet {
+    /// Elements whose centre lies in a region.
+    Region(NodeRegion),
+    /// A share per element, from 0 for outside to 1 for inside.
+    Painted(Vec<f64>),
 }
 
 impl EffectSpec {
@@ -53,12 +170,25 @@ impl EffectSpec {
             EffectSpec::Prescribed { .. } => "prescribed",
             EffectSpec::Springs { .. } => "springs",
             EffectSpec::Gravity { .. } => "gravity",
+            EffectSpec::Stiffness { .. } => "stiffness",
+            EffectSpec::Activation { .. } => "activation",
+            EffectSpec::Volume { .. } => "volume",
+            EffectSpec::Pressure { .. } => "pressure",
+            EffectSpec::Force { .. } => "force",
+            EffectSpec::Wind { .. } => "wind",
+            EffectSpec::Inertia { .. } => "inertia",
+            EffectSpec::Damping { .. } => "damping",
+            EffectSpec::Contact { .. } => "contact",
         }
     }
 }
 
 fn unit() -> f64 {
     1.0
+}
+
+fn yes() -> bool {
+    true
 }
 
 /// A set of nodes, by region of the rest shape or one by one.
@@ -74,24 +204,47 @@ pub enum NodeSet {
 // Not derived: serde's own error for an untagged enum does not tell what is wrong with a region.
 impl<'de> Deserialize<'de> for NodeSet {
     fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
-        struct ListOrTable;
-        impl<'de> Visitor<'de> for ListOrTable {
-            type Value = NodeSet;
-
-            fn expecting(&self, f: &mut Formatter) -> std::fmt::Result {
-                f.write_str("a region such as { type = \"box\", min = [..], max = [..] }, or a list of node indices")
-            }
-
-            fn visit_seq<A: SeqAccess<'de>>(self, list: A) -> Result<NodeSet, A::Error> {
-                Vec::deserialize(SeqAccessDeserializer::new(list)).map(NodeSet::Indices)
-            }
-
-            fn visit_map<A: MapAccess<'de>>(self, table: A) -> Result<NodeSet, A::Error> {
-                NodeRegion::deserialize(MapAccessDeserializer::new(table)).map(NodeSet::Region)
-            }
-        }
-        deserializer.deserialize_any(ListOrTable)
+        Ok(
+            match list_or_region(deserializer, "a list of node indices")? {
+                Ok(list) => Self::Indices(list),
+                Err(region) => Self::Region(region),
+            },
+        )
     }
+}
+
+impl<'de> Deserialize<'de> for ElementSet {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        Ok(match list_or_region(deserializer, "a share per element")? {
+            Ok(list) => Self::Painted(list),
+            Err(region) => Self::Region(region),
+        })
+    }
+}
+
+/// A list, or else a region.
+fn list_or_region<'de, T: Deserialize<'de>, D: Deserializer<'de>>(
+    deserializer: D,
+    list: &'static str,
+) -> Result<Result<Vec<T>, NodeRegion>, D::Error> {
+    struct ListOrTable<T>(&'static str, PhantomData<T>);
+    impl<'de, T: Deserialize<'de>> Visitor<'de> for ListOrTable<T> {
+        type Value = Result<Vec<T>, NodeRegion>;
+
+        fn expecting(&self, f: &mut Formatter) -> std::fmt::Result {
+            let example = "{ type = \"box\", min = [..], max = [..] }";
+            write!(f, "a region such as {example}, or {}", self.0)
+        }
+
+        fn visit_seq<A: SeqAccess<'de>>(self, list: A) -> Result<Self::Value, A::Error> {
+            Vec::deserialize(SeqAccessDeserializer::new(list)).map(Ok)
+        }
+
+        fn visit_map<A: MapAccess<'de>>(self, table: A) -> Result<Self::Value, A::Error> {
+            NodeRegion::deserialize(MapAccessDeserializer::new(table)).map(Err)
+        }
+    }
+    deserializer.deserialize_any(ListOrTable(list, PhantomData))
 }
 
 impl NodeSet {
@@ -140,71 +293,52 @@ impl<'de> Deserialize<'de> for SpringPoints {
     }
 }
 
-/// Everything that may change from solve to solve. [`Solver::rest_parameters`](crate::Solver::rest_parameters) gives one that fits.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Parameters {
-    /// Actuation b per sample, `[elements * samples]`, element by element, entries (11, 12, 13, 22, 23, 33) with A = I + sym(b).
-    pub actuation: Vec<[f64; 6]>,
-    /// Positions of the prescribed nodes, in the order of [`Solver::prescribed`](crate::Solver::prescribed).
-    pub prescribed: Vec<Vector3<f64>>,
-    /// Targets of the springs, all spring effects one after another.
-    pub spring_targets: Vec<Vector3<f64>>,
-    /// Acceleration of each gravity effect.
-    pub acceleration: Vec<Vector3<f64>>,
-}
-
-impl Parameters {
-    /// Same shape, all entries zero: what a gradient starts from.
-    pub(crate) fn zeros_like(&self) -> Self {
-        Self {
-            actuation: vec![[0.0; 6]; self.actuation.len()],
-            prescribed: vec![Vector3::zeros(); self.prescribed.len()],
-            spring_targets: vec![Vector3::zeros(); self.spring_targets.len()],
-            acceleration: vec![Vector3::zeros(); self.acceleration.len()],
+impl ElementSet {
+    /// The share of each element that belongs to the set.
+    pub(crate) fn resolve(&self, mesh: &HexMesh, effect: usize) -> Result<Vec<f64>, SolverError> {
+        let count = mesh.elements().len();
+        match self {
+            Self::Painted(shares) => {
+                check_array("elements", shares, count, |share| share.is_finite())?;
+                match shares.iter().find(|s| !(0.0..=1.0).contains(*s)) {
+                    Some(&value) => Err(SolverError::BadValue {
+                        index: effect,
+                        field: "elements",
+                        value,
+                        expected: "shares from 0 to 1",
+                    }),
+                    None => Ok(shares.clone()),
+                }
+            }
+            Self::Region(region) => {
+                let half = Vector3::repeat(mesh.element_size() / 2.0);
+                let centres: Vec<_> = (0..count).map(|e| mesh.element_corner(e) + half).collect();
+                let inside = inside(region, &centres, mesh, effect, "element")?;
+                Ok(inside.into_iter().map(|i| f64::from(u8::from(i))).collect())
+            }
         }
     }
-
-    /// Checks lengths against `like` and all entries for finiteness.
-    pub(crate) fn check(&self, like: &Parameters) -> Result<(), SolverError> {
-        check_array("actuation", &self.actuation, like.actuation.len(), |b| {
-            b.iter().fold(true, |all, x| all & x.is_finite())
-        })?;
-        let finite = |v: &Vector3<f64>| v.iter().all(|x| x.is_finite());
-        check_array(
-            "prescribed",
-            &self.prescribed,
-            like.prescribed.len(),
-            finite,
-        )?;
-        let springs = like.spring_targets.len();
-        check_array("spring_targets", &self.spring_targets, springs, finite)?;
-        let gravities = like.acceleration.len();
-        check_array("acceleration", &self.acceleration, gravities, finite)
-    }
 }
 
-/// Refuses an array of the wrong length or with an entry that is not finite.
-pub(crate) fn check_array<T: Sync>(
+/// Which of these points lie in a region; none is an error.
+pub(crate) fn inside(
+    region: &NodeRegion,
+    points: &[Vector3<f64>],
+    mesh: &HexMesh,
+    effect: usize,
     what: &'static str,
-    values: &[T],
-    expected: usize,
-    finite: impl Fn(&T) -> bool + Sync + Send,
-) -> Result<(), SolverError> {
-    if values.len() != expected {
-        let found = values.len();
-        return Err(SolverError::WrongLength {
-            what,
-            found,
-            expected,
-        });
+) -> Result<Vec<bool>, SolverError> {
+    let inside = region
+        .contains(points, mesh.element_size())
+        .map_err(|source| SolverError::Region {
+            index: effect,
+            source,
+        })?;
+    if inside.contains(&true) {
+        return Ok(inside);
     }
-    // Without a way out of the loop over a part, which goes eight values at a time.
-    let all_finite = |part: &[T]| part.iter().fold(true, |all, v| all & finite(v));
-    if values.par_chunks(4096).all(all_finite) {
-        return Ok(());
-    }
-    match values.iter().position(|v| !finite(v)) {
-        Some(index) => Err(SolverError::NotFinite { what, index }),
-        None => Ok(()),
-    }
+    Err(SolverError::EmptyRegion {
+        index: effect,
+        what,
+    })
 }

@@ -2,12 +2,12 @@
 
 mod common;
 
-use common::{Numbers, difference, dot, elasticity, held, moved, nodes_where, parameter_dot};
-use hex_mesh::{HexMesh, Quadrature};
+use common::{Numbers, boundary, difference, dot, elasticity, held, nodes_where};
+use hex_mesh::{HexMesh, NodeRegion, Quadrature};
 use nalgebra::Vector3;
 use pd_solver::{
-    AdjointOptions, EffectSpec, Method, NodeSet, Parameters, SolveOptions, Solver, SpringPoints,
-    Status, Stop,
+    AdjointOptions, EffectSpec, ElementSet, Method, NodeSet, Parameters, SolveOptions, Solver,
+    SpringPoints, Status, Stop, TimeScheme,
 };
 
 /// The body, its solver, and parameters and a state away from any special place.
@@ -25,11 +25,12 @@ impl Case {
         let wall = nodes_where(&mesh, |x| x.x == 0.0);
         let mut effects = vec![elasticity(), held(wall)];
         effects.extend(extra(&mesh));
-        let solver = Solver::new(&mesh, &effects).expect("a valid problem");
+        let surface = boundary(&mesh);
+        let solver = Solver::on_surface(&mesh, &surface, &effects).expect("a valid problem");
         let mut numbers = Numbers::new(7);
         let mut parameters = solver.rest_parameters();
         let direction = random_like(&parameters, &mut numbers);
-        parameters = moved(&parameters, 0.1, &direction);
+        parameters = parameters.moved(0.1, &direction);
         let noise = numbers.vectors(mesh.nodes().len(), 0.02);
         let mut state: Vec<_> = mesh.nodes().iter().zip(noise).map(|(x, n)| x + n).collect();
         for (&node, x) in solver.prescribed().iter().zip(&parameters.prescribed) {
@@ -107,14 +108,14 @@ impl Case {
         let gradient = adjoint.gradient.expect("converged");
         let direction = random_like(&self.parameters, &mut self.numbers);
         let slope = difference(1e-3, |t| {
-            let parameters = moved(&self.parameters, t, &direction);
+            let parameters = self.parameters.moved(t, &direction);
             let solution = self
                 .solver
                 .solve(&parameters, Some(&at.positions), &options)
                 .expect("fits");
             dot(&solution.positions, &cotangent)
         });
-        close(slope, parameter_dot(&gradient, &direction), 1e-7);
+        close(slope, gradient.dot(&direction), 1e-7);
     }
 
     fn energy_never_rises(&mut self) {
@@ -147,6 +148,11 @@ fn random_like(p: &Parameters, numbers: &mut Numbers) -> Parameters {
         prescribed: numbers.vectors(p.prescribed.len(), 0.2),
         spring_targets: numbers.vectors(p.spring_targets.len(), 1.0),
         acceleration: numbers.vectors(p.acceleration.len(), 1.0),
+        forces: numbers.vectors(p.forces.len(), 1.0),
+        pressures: (0..p.pressures.len()).map(|_| numbers.next()).collect(),
+        inertia: numbers.vectors(p.inertia.len(), 0.2),
+        before: numbers.vectors(p.before.len(), 0.2),
+        obstacles: numbers.vectors(p.obstacles.len(), 0.1),
     }
 }
 
@@ -217,10 +223,94 @@ fn gravity(_: &HexMesh) -> Vec<EffectSpec> {
     }]
 }
 
+fn region_where_x_is_above_half() -> NodeRegion {
+    NodeRegion::HalfSpace {
+        normal: [1.0, 0.0, 0.0],
+        offset: 0.5,
+    }
+}
+
+fn soft_and_stiff(mesh: &HexMesh) -> Vec<EffectSpec> {
+    let painted = (0..mesh.elements().len()).map(|e| (e % 5) as f64 / 4.0);
+    vec![
+        EffectSpec::Stiffness {
+            elements: ElementSet::Region(region_where_x_is_above_half()),
+            factor: 40.0,
+        },
+        EffectSpec::Stiffness {
+            elements: ElementSet::Painted(painted.collect()),
+            factor: 0.2,
+        },
+    ]
+}
+
+fn half_passive(_: &HexMesh) -> Vec<EffectSpec> {
+    vec![EffectSpec::Activation {
+        elements: ElementSet::Region(region_where_x_is_above_half()),
+        scale: 0.25,
+    }]
+}
+
+fn volume(_: &HexMesh) -> Vec<EffectSpec> {
+    vec![EffectSpec::Volume { stiffness: 5.0 }]
+}
+
+fn pressure(_: &HexMesh) -> Vec<EffectSpec> {
+    let all = EffectSpec::Pressure {
+        region: None,
+        capped: false,
+        pressure: 0.1,
+    };
+    let end = EffectSpec::Pressure {
+        region: Some(region_where_x_is_above_half()),
+        capped: true,
+        pressure: -0.05,
+    };
+    vec![all, end]
+}
+
+fn force_and_wind(_: &HexMesh) -> Vec<EffectSpec> {
+    vec![
+        EffectSpec::Force {
+            region: Some(region_where_x_is_above_half()),
+            force: [0.0, 0.05, -0.1],
+        },
+        EffectSpec::Wind {
+            region: None,
+            pressure: [-0.1, 0.0, 0.05],
+        },
+    ]
+}
+
+fn inertia(scheme: TimeScheme) -> EffectSpec {
+    EffectSpec::Inertia {
+        density: 1.5,
+        time_step: 0.7,
+        scheme,
+    }
+}
+
+fn euler(_: &HexMesh) -> Vec<EffectSpec> {
+    vec![inertia(TimeScheme::BackwardEuler)]
+}
+
+fn damped_midpoint(_: &HexMesh) -> Vec<EffectSpec> {
+    vec![
+        inertia(TimeScheme::Midpoint),
+        EffectSpec::Damping { viscosity: 0.8 },
+    ]
+}
+
 fn everything(mesh: &HexMesh) -> Vec<EffectSpec> {
     let mut all = springs_at_nodes(mesh);
     all.extend(gravity(mesh));
     all.extend(embedded_springs(mesh));
+    all.extend(soft_and_stiff(mesh));
+    all.extend(half_passive(mesh));
+    all.extend(volume(mesh));
+    all.extend(pressure(mesh));
+    all.extend(force_and_wind(mesh));
+    all.extend(damped_midpoint(mesh));
     all
 }
 
@@ -230,4 +320,11 @@ conformance!(elasticity_27_samples, Quadrature::TwentySeven, |_| vec![]);
 conformance!(nodal_springs, Quadrature::Eight, springs_at_nodes);
 conformance!(point_springs, Quadrature::Eight, embedded_springs);
 conformance!(weight, Quadrature::Eight, gravity);
+conformance!(stiffness_field, Quadrature::Eight, soft_and_stiff);
+conformance!(activation_mask, Quadrature::Eight, half_passive);
+conformance!(kept_volume, Quadrature::Eight, volume);
+conformance!(pressed_walls, Quadrature::Eight, pressure);
+conformance!(loads_on_the_surface, Quadrature::Eight, force_and_wind);
+conformance!(backward_euler, Quadrature::Eight, euler);
+conformance!(midpoint_with_damping, Quadrature::Eight, damped_midpoint);
 conformance!(all_effects, Quadrature::One, everything);

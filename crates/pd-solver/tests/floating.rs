@@ -2,9 +2,7 @@
 
 mod common;
 
-use common::{
-    Numbers, difference, dot, elasticity, held, max_distance, moved, nodes_where, parameter_dot,
-};
+use common::{Numbers, difference, dot, elasticity, held, max_distance, nodes_where};
 use hex_mesh::{HexMesh, Quadrature};
 use nalgebra::{Matrix3, Rotation3, Vector3};
 use pd_solver::{
@@ -90,11 +88,11 @@ fn gradients_follow_the_convention() {
             .adjoint(&parameters, &here, &cotangent, &AdjointOptions::default())
             .unwrap();
         assert_eq!(adjoint.status, AdjointStatus::Converged);
-        let exact = parameter_dot(&adjoint.gradient.unwrap(), &direction);
+        let exact = adjoint.gradient.unwrap().dot(&direction);
         let start = here.positions.clone();
         let slope = difference(1e-4, |t| {
             let near = solver
-                .solve(&moved(&parameters, t, &direction), Some(&start), &options)
+                .solve(&parameters.moved(t, &direction), Some(&start), &options)
                 .unwrap();
             dot(&near.positions, &cotangent)
         });

@@ -15,7 +15,7 @@ mod tests;
 
 use super::{CoarseView, Effect};
 use crate::constant::ConstantMatrix;
-use crate::spec::Parameters;
+use crate::parameters::Parameters;
 use crate::vector::NodalVector;
 use block::{Block, LANES};
 use hex_mesh::{HexMesh, Quadrature, QuadratureRule};
@@ -24,11 +24,12 @@ use kernel::{
 };
 use linearise::Linearise;
 use nalgebra::Vector3;
+use plain::constant_blocks;
+pub(super) use plain::deformation_gradient;
 pub use plain::deformation_gradients;
-use plain::{constant_blocks, deformation_gradient};
 use pulp::Arch;
 use rayon::prelude::*;
-use slabs::Slabs;
+pub(super) use slabs::Slabs;
 use tensor::TensorRule;
 
 /// Blocks per task where nothing is added to nodes.
@@ -49,13 +50,17 @@ pub(crate) struct ElasticBody {
 }
 
 impl ElasticBody {
-    /// The full cubes of a mesh.
-    pub(crate) fn from_mesh(mesh: &HexMesh, stiffness: f64) -> Self {
+    /// The full cubes of a mesh, with a factor on the stiffness of each where they differ.
+    pub(crate) fn from_mesh(mesh: &HexMesh, stiffness: f64, factors: Option<&[f64]>) -> Self {
         let count = mesh.elements().len();
+        let weight = stiffness * mesh.element_volume();
         Self {
             elements: mesh.elements().to_vec(),
             sizes: vec![Vector3::repeat(mesh.element_size()); count],
-            weights: vec![stiffness * mesh.element_volume(); count],
+            weights: match factors {
+                Some(factors) => factors.iter().map(|f| f * weight).collect(),
+                None => vec![weight; count],
+            },
             quadrature: Quadrature::from_count(mesh.quadrature().len())
                 .expect("a mesh has one of the known rules"),
             node_count: mesh.nodes().len(),
@@ -139,9 +144,9 @@ impl Elasticity {
         }
     }
 
-    /// The batch of the cubes of a mesh.
-    pub(crate) fn from_mesh(mesh: &HexMesh, stiffness: f64) -> Self {
-        Self::new(ElasticBody::from_mesh(mesh, stiffness))
+    /// The batch of the cubes of a mesh, with a factor on the stiffness of each where they differ.
+    pub(crate) fn from_mesh(mesh: &HexMesh, stiffness: f64, factors: Option<&[f64]>) -> Self {
+        Self::new(ElasticBody::from_mesh(mesh, stiffness, factors))
     }
 
     fn samples(&self) -> usize {
@@ -259,18 +264,18 @@ impl Effect for Elasticity {
         });
     }
 
-    fn coarsen(&self, view: &CoarseView) -> Box<dyn Effect> {
+    fn coarsen(&self, view: &CoarseView) -> Option<Box<dyn Effect>> {
         let grid = view.grid;
         let count = grid.elements.len();
-        Box::new(Self::new(ElasticBody {
+        Some(Box::new(Self::new(ElasticBody {
             elements: grid.elements.clone(),
             sizes: (0..count).map(|e| grid.size(e)).collect(),
             weights: (0..count)
-                .map(|e| view.stiffness * grid.volume(e))
+                .map(|e| view.stiffness * grid.volume(e) * grid.stiffness[e])
                 .collect(),
             quadrature: Quadrature::Eight,
             node_count: grid.node_count(),
-        }))
+        })))
     }
 
     fn largest_diagonal(&self) -> f64 {

@@ -1,9 +1,11 @@
 //! Zero-length springs from points of the body to targets.
 
-use super::{CoarseView, Effect, FormVisitor, finite};
+use super::build::finite;
+use super::{CoarseView, Effect, FormVisitor};
 use crate::constant::ConstantMatrix;
 use crate::error::SolverError;
-use crate::spec::{Parameters, SpringPoints};
+use crate::parameters::Parameters;
+use crate::spec::SpringPoints;
 use crate::vector::NodalVector;
 use hex_mesh::HexMesh;
 use nalgebra::Vector3;
@@ -179,7 +181,7 @@ impl Effect for Springs {
         }
     }
 
-    fn coarsen(&self, view: &CoarseView) -> Box<dyn Effect> {
+    fn coarsen(&self, view: &CoarseView) -> Option<Box<dyn Effect>> {
         let springs = self.springs.iter().map(|s| {
             let (nodes, weights) = view.transfer.restrict_form(&s.nodes, &s.weights);
             Spring {
@@ -188,11 +190,11 @@ impl Effect for Springs {
                 stiffness: s.stiffness,
             }
         });
-        Box::new(Self {
+        Some(Box::new(Self {
             springs: springs.collect(),
             targets: self.targets.clone(),
             first: self.first,
-        })
+        }))
     }
 
     fn for_each_form(&self, f: FormVisitor) {

@@ -2,8 +2,8 @@
 
 use super::{Preconditioner, Target, Workspace, lbfgs};
 use crate::multigrid::{Hierarchy, Multigrid};
+use crate::parameters::Parameters;
 use crate::problem::Problem;
-use crate::spec::Parameters;
 use crate::vector::{NodalVector, norm};
 use nalgebra::Vector3;
 
@@ -91,6 +91,8 @@ impl CoarseBody {
             *own = finest.prescribed[from as usize];
         }
         own.acceleration.copy_from_slice(&finest.acceleration);
+        own.forces.copy_from_slice(&finest.forces);
+        own.pressures.copy_from_slice(&finest.pressures);
         self.problem.set_parameters(own);
     }
 
@@ -167,10 +169,10 @@ pub(crate) fn carry_down(problem: &Problem, hierarchy: Hierarchy) -> (Multigrid,
     // All first without the springs of held nodes, which are not to be carried further down.
     let mut problems: Vec<Problem> = Vec::new();
     for level in 0..hierarchy.transfers.len() {
-        let coarse = problems
-            .last()
-            .unwrap_or(problem)
-            .coarsen(&hierarchy, level);
+        let finer = problems.last().unwrap_or(problem);
+        let Some(coarse) = finer.coarsen(&hierarchy, level) else {
+            break;
+        };
         problems.push(coarse);
     }
     let mut forms = vec![problem.element_forms(&hierarchy.grids[0].elements)];
@@ -199,6 +201,7 @@ pub(crate) fn carry_down(problem: &Problem, hierarchy: Hierarchy) -> (Multigrid,
         forms.push(coarse.element_forms(&hierarchy.grids[level + 1].elements));
         bodies.push(CoarseBody::new(coarse, prescribed, anchored));
     }
+    forms.resize(hierarchy.grids.len(), Vec::new());
     let samples = problem.rest_parameters.actuation.len() / problem.elements;
     let multigrid = Multigrid::new(hierarchy, problem.elastic_stiffness, samples, forms);
     (multigrid, bodies)

@@ -65,6 +65,10 @@ impl Descent {
         slope: f64,
     ) -> bool {
         let mut length = 1.0;
+        if problem.limits_steps() {
+            add_scaled(u, -1.0, &space.direction, &mut space.last);
+            length = problem.step_limit(u, &space.last);
+        }
         for _ in 0..=MAX_HALVINGS {
             add_scaled(u, -length, &space.direction, &mut space.last);
             let energy = problem.evaluate(&space.last, &mut space.last_gradient);

@@ -19,6 +19,8 @@ pub(super) struct Child {
     pub(super) table: u32,
     pub(super) interval: [[f32; 2]; 3],
     pub(super) held: u8,
+    /// Factor on the stiffness, for elements of the finest grid.
+    stiffness: f32,
     /// Share of the parent's volume.
     pub(super) share: f64,
 }
@@ -69,6 +71,7 @@ pub(super) fn set_up(
             table,
             interval: interval.map(|ends| ends.map(|x| x as f32)),
             held,
+            stiffness: fine.stiffness[element as usize] as f32,
             share: fine.volume(element as usize) / grid.volume(parents[element as usize] as usize),
         }
     });
@@ -163,7 +166,7 @@ impl Fill for FromCores<'_> {
         sum.clear();
         for child in coarse.children(element) {
             let table = &self.tables.tables[child.table as usize];
-            sum.add(table, &self.cores[child.element as usize], 1.0);
+            sum.add(table, &self.cores[child.element as usize], child.stiffness);
         }
         sum.write(out);
     }
@@ -193,7 +196,8 @@ impl Fill for FromOwnCores<'_> {
     fn set(&self, coarse: &Coarse, element: usize, sum: &mut CoreSum, out: &mut ElementMatrix) {
         sum.clear();
         let table = &self.tables.tables[coarse.tables[element] as usize];
-        sum.add(table, &self.cores[element], self.grid.fill[element] as f32);
+        let weight = self.grid.fill[element] * self.grid.stiffness[element];
+        sum.add(table, &self.cores[element], weight as f32);
         sum.write(out);
     }
 }

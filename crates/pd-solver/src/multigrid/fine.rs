@@ -22,8 +22,10 @@ pub(super) const CORE: usize = 27;
 struct Block {
     /// Slots of the first element's corners, relative to the slab's part.
     base: [u32; 8],
-    /// Zero where there is no element.
+    /// Factor on the stiffness; zero where there is no element.
     weight: Lanes,
+    /// Its root, by which cores are scaled: what they take goes with their square.
+    root: Lanes,
     cores: [Lanes; CORE],
 }
 
@@ -136,13 +138,16 @@ impl FineOperator {
                 self.blocks.push(Block {
                     base: slots,
                     weight: [0.0; LANES],
+                    root: [0.0; LANES],
                     cores: [[0.0; LANES]; CORE],
                 });
                 self.elements.push([u32::MAX; LANES]);
                 0
             });
             let block = self.blocks.len() - 1;
-            self.blocks[block].weight[lane as usize] = 1.0;
+            let stiffness = grid.stiffness[element as usize];
+            self.blocks[block].weight[lane as usize] = stiffness as f32;
+            self.blocks[block].root[lane as usize] = stiffness.sqrt() as f32;
             self.elements[block][lane as usize] = element;
         }
         self.slabs.push(Slab {
@@ -162,8 +167,9 @@ impl FineOperator {
             .for_each(|(block, elements)| {
                 for (lane, &element) in elements.iter().enumerate() {
                     if let Some(core) = cores.get(element as usize) {
+                        let root = block.root[lane];
                         for (entry, value) in block.cores.iter_mut().zip(core) {
-                            entry[lane] = *value;
+                            entry[lane] = root * *value;
                         }
                     }
                 }

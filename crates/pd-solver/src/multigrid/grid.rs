@@ -19,6 +19,8 @@ pub(crate) struct Grid {
     pub(crate) planes: [Vec<f64>; 3],
     /// Share of every element's box that is body.
     pub(crate) fill: Vec<f64>,
+    /// Stiffness of what fills it, as a factor on that of the body.
+    pub(crate) stiffness: Vec<f64>,
 }
 
 /// A coarser grid and how it hangs together with the finer one.
@@ -31,7 +33,8 @@ pub(crate) struct Coarsening {
 }
 
 impl Grid {
-    pub(crate) fn from_mesh(mesh: &HexMesh) -> Self {
+    /// The grid of a mesh, with a factor on the stiffness of each element where they differ.
+    pub(crate) fn from_mesh(mesh: &HexMesh, factors: Option<&[f64]>) -> Self {
         let low = mesh.cells().iter().fold([i32::MAX; 3], |low, cell| {
             std::array::from_fn(|a| low[a].min(cell[a]))
         });
@@ -53,6 +56,7 @@ impl Grid {
         Self {
             elements: mesh.elements().to_vec(),
             fill: vec![1.0; cells.len()],
+            stiffness: factors.map_or_else(|| vec![1.0; cells.len()], <[f64]>::to_vec),
             cells,
             places,
             planes,
@@ -143,6 +147,7 @@ impl Grid {
         let mut grid = Grid {
             elements: vec![[0; 8]; cells.len()],
             fill: vec![0.0; cells.len()],
+            stiffness: vec![0.0; cells.len()],
             cells,
             places: Vec::new(),
             planes,
@@ -151,6 +156,14 @@ impl Grid {
             let box_volume = grid.size(coarse as usize).product();
             grid.fill[coarse as usize] += self.volume(element) / box_volume;
         }
+        let mut volumes = vec![0.0; grid.fill.len()];
+        for (element, &coarse) in parent.iter().enumerate() {
+            let volume = self.volume(element);
+            volumes[coarse as usize] += volume;
+            grid.stiffness[coarse as usize] += volume * self.stiffness[element];
+        }
+        let means = grid.stiffness.iter_mut().zip(volumes);
+        means.for_each(|(stiffness, volume)| *stiffness /= volume);
         let transfer = self.connect(&mut grid, &parent);
         Some(Coarsening {
             grid,

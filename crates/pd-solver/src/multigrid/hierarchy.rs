@@ -22,9 +22,9 @@ pub(crate) struct Hierarchy {
 
 impl Hierarchy {
     /// Coarsens a body until its free nodes are few. `None` where that leads nowhere: bodies that are small to begin with, or of
-    /// very many pieces.
-    pub(crate) fn new(mesh: &HexMesh, prescribed: &[u32]) -> Option<Self> {
-        let grid = Grid::from_mesh(mesh);
+    /// very many pieces. `factors` are those on the stiffness of each element, where they differ.
+    pub(crate) fn new(mesh: &HexMesh, prescribed: &[u32], factors: Option<&[f64]>) -> Option<Self> {
+        let grid = Grid::from_mesh(mesh, factors);
         let mut held = vec![false; grid.node_count()];
         prescribed.iter().for_each(|&n| held[n as usize] = true);
         let mut all = Self {

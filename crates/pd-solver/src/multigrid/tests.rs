@@ -62,7 +62,7 @@ fn random_state(mesh: &HexMesh, random: &mut Random) -> NodalVector {
 
 fn multigrid(mesh: &HexMesh) -> Multigrid {
     let held = held(mesh);
-    let hierarchy = Hierarchy::new(mesh, &held).expect("a hierarchy");
+    let hierarchy = Hierarchy::new(mesh, &held, None).expect("a hierarchy");
     let forms = vec![Vec::new(); hierarchy.grids.len()];
     Multigrid::new(hierarchy, 3.0, 8, forms)
 }
@@ -71,7 +71,7 @@ fn multigrid(mesh: &HexMesh) -> Multigrid {
 #[test]
 fn coarse_grids_carry_the_body() {
     for (name, mesh) in bodies() {
-        let hierarchy = Hierarchy::new(&mesh, &held(&mesh)).expect(name);
+        let hierarchy = Hierarchy::new(&mesh, &held(&mesh), None).expect(name);
         let pieces = |grid: &Grid| {
             let mut sets = DisjointSets::new(grid.node_count());
             for nodes in &grid.elements {

@@ -1,9 +1,10 @@
 //! What the tests of this crate share: small bodies, reproducible numbers, finite differences.
 #![allow(dead_code)] // Each test program uses its own part.
 
-use hex_mesh::{HexMesh, Quadrature};
+use hex_mesh::{EmbeddedPoint, HexMesh, Quadrature};
 use nalgebra::Vector3;
-use pd_solver::{EffectSpec, NodeSet, Parameters, SolveOptions, Solver, Stop};
+use pd_solver::{EffectSpec, EmbeddedSurface, NodeSet, SolveOptions, Solver, Stop};
+use std::collections::BTreeMap;
 
 /// Reproducible numbers in [-1, 1] (SplitMix64).
 pub struct Numbers(u64);
@@ -89,29 +90,47 @@ pub fn max_distance(a: &[Vector3<f64>], b: &[Vector3<f64>]) -> f64 {
         .fold(0.0, f64::max)
 }
 
-/// `p + t d` for all parameters.
-pub fn moved(p: &Parameters, t: f64, d: &Parameters) -> Parameters {
-    let vectors = |a: &[Vector3<f64>], b: &[Vector3<f64>]| -> Vec<Vector3<f64>> {
-        a.iter().zip(b).map(|(a, b)| a + b * t).collect()
-    };
-    Parameters {
-        actuation: (p.actuation.iter().zip(&d.actuation))
-            .map(|(a, b)| std::array::from_fn(|i| a[i] + t * b[i]))
-            .collect(),
-        prescribed: vectors(&p.prescribed, &d.prescribed),
-        spring_targets: vectors(&p.spring_targets, &d.spring_targets),
-        acceleration: vectors(&p.acceleration, &d.acceleration),
+/// The boundary of a mesh as triangles, counter-clockwise seen from outside, with a vertex at each of its nodes.
+pub fn boundary(mesh: &HexMesh) -> EmbeddedSurface {
+    // Corners of the faces, x slowest; each counter-clockwise from outside.
+    const FACES: [[usize; 4]; 6] = [
+        [0, 1, 3, 2],
+        [4, 6, 7, 5],
+        [0, 4, 5, 1],
+        [2, 3, 7, 6],
+        [0, 2, 6, 4],
+        [1, 5, 7, 3],
+    ];
+    let mut faces: BTreeMap<[u32; 4], ([u32; 4], usize)> = BTreeMap::new();
+    for nodes in mesh.elements() {
+        for face in FACES {
+            let face = face.map(|c| nodes[c]);
+            let mut key = face;
+            key.sort_unstable();
+            faces.entry(key).or_insert((face, 0)).1 += 1;
+        }
     }
-}
-
-/// Sum over all parameters of `a * b`.
-pub fn parameter_dot(a: &Parameters, b: &Parameters) -> f64 {
-    let actuation: f64 = (a.actuation.iter().flatten())
-        .zip(b.actuation.iter().flatten())
-        .map(|(a, b)| a * b)
-        .sum();
-    actuation
-        + dot(&a.prescribed, &b.prescribed)
-        + dot(&a.spring_targets, &b.spring_targets)
-        + dot(&a.acceleration, &b.acceleration)
+    let mut vertex = BTreeMap::new();
+    let mut points = Vec::new();
+    let mut triangles = Vec::new();
+    let mut carrier = vec![None; mesh.nodes().len()];
+    for (element, nodes) in mesh.elements().iter().enumerate() {
+        for (corner, &n) in nodes.iter().enumerate() {
+            carrier[n as usize] = Some((element as u32, corner));
+        }
+    }
+    for (face, _) in faces.into_values().filter(|(_, count)| *count == 1) {
+        let corners = face.map(|node| {
+            *vertex.entry(node).or_insert_with(|| {
+                let (element, corner) = carrier[node as usize].expect("a node has an element");
+                let mut weights = [0.0; 8];
+                weights[corner] = 1.0;
+                points.push(EmbeddedPoint { element, weights });
+                points.len() as u32 - 1
+            })
+        });
+        let [a, b, c, d] = corners;
+        triangles.extend([[a, b, c], [a, c, d]]);
+    }
+    EmbeddedSurface { points, triangles }
 }

@@ -16,7 +16,10 @@ pub(super) fn constant_blocks(quadrature: Quadrature) -> [[[f64; 8]; 8]; 3] {
 }
 
 /// F = sum_n x_n (dw_n/dx)^T, the deformation gradient when `x` holds positions.
-pub(super) fn deformation_gradient(x: &[Vector3<f64>; 8], g: &[Vector3<f64>; 8]) -> Matrix3<f64> {
+pub(in crate::effects) fn deformation_gradient(
+    x: &[Vector3<f64>; 8],
+    g: &[Vector3<f64>; 8],
+) -> Matrix3<f64> {
     let mut f = Matrix3::zeros();
     for (x, g) in x.iter().zip(g) {
         f.ger(1.0, x, g, 1.0);

@@ -17,7 +17,7 @@ struct Slab {
 /// Consecutive slabs of a body. Every slab shares nodes with none but its two neighbours, so all even slabs can add to the nodes
 /// side by side, and after them all odd ones. Each node is added to in one fixed order, whatever the number of threads.
 #[derive(Clone, Debug, Default)]
-pub(super) struct Slabs {
+pub(in crate::effects) struct Slabs {
     /// The even slabs, then the odd ones, each by rising nodes.
     phases: [Vec<Slab>; 2],
 }
@@ -25,7 +25,7 @@ pub(super) struct Slabs {
 impl Slabs {
     /// Divides a body. Elements and nodes that are numbered along one direction give slabs across it; a numbering without order
     /// gives a single slab.
-    pub(super) fn new(elements: &[[u32; 8]], node_count: usize) -> Self {
+    pub(in crate::effects) fn new(elements: &[[u32; 8]], node_count: usize) -> Self {
         // Least node of all elements from one on.
         let mut least = vec![node_count as u32; elements.len() + 1];
         for (i, nodes) in elements.iter().enumerate().rev() {
@@ -62,8 +62,25 @@ impl Slabs {
         self.phases.iter().map(|s| halves(s, 0, out, work)).sum()
     }
 
+    /// As [`Slabs::run`], by ranges of the `count` elements instead of blocks, for what returns nothing.
+    pub(in crate::effects) fn run_elements(
+        &self,
+        out: &mut [Vector3<f64>],
+        count: usize,
+        work: &(impl Fn(Range<usize>, usize, &mut [Vector3<f64>]) + Sync),
+    ) {
+        self.run(out, &|blocks, first, out| {
+            work(
+                blocks.start * LANES..count.min(blocks.end * LANES),
+                first,
+                out,
+            );
+            0.0
+        });
+    }
+
     /// Bytes held.
-    pub(super) fn bytes(&self) -> usize {
+    pub(in crate::effects) fn bytes(&self) -> usize {
         let slabs = self.phases.iter().map(|phase| phase.len());
         slabs.sum::<usize>() * size_of::<Slab>()
     }

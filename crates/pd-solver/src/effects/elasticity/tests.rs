@@ -70,7 +70,7 @@ impl Case {
     fn solid(cells: [usize; 3], quadrature: Quadrature) -> Self {
         let mut numbers = Numbers(7);
         let mesh = HexMesh::solid_box(cells, 0.5, quadrature).unwrap();
-        let body = ElasticBody::from_mesh(&mesh, 3.0);
+        let body = ElasticBody::from_mesh(&mesh, 3.0, None);
         let noise = numbers.vectors(mesh.nodes().len(), 0.1);
         let u = mesh
             .nodes()
@@ -102,9 +102,7 @@ impl Case {
             .collect();
         let parameters = Parameters {
             actuation,
-            prescribed: Vec::new(),
-            spring_targets: Vec::new(),
-            acceleration: Vec::new(),
+            ..Parameters::default()
         };
         let z = numbers.vectors(u.len(), 1.0);
         Self {
@@ -133,7 +131,8 @@ impl Case {
     fn by_lanes(&self, effect: &mut Elasticity) -> Answers {
         let mut gradient = zeros(self.u.len());
         let mut product = gradient.clone();
-        let mut vjp = self.parameters.zeros_like();
+        let mut vjp = Parameters::default();
+        vjp.clear_like(&self.parameters);
         let energy = effect.energy_gradient(&self.u, &mut gradient);
         effect.linearise(&self.u);
         effect.hessian_product(&self.z, &mut product);
