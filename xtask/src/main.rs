@@ -16,6 +16,10 @@ cargo xtask COMMAND
                  simulate weights per frame, or the codes from one shape to another, into an animation and pictures
   eval RUN --fit (--shapes FILE.glb|.json [--units FILE.glb] | --scan FILE.obj|.glb [--scan-reach D]) [--fit-steps N] [--element-size H] [--out DIR]
                  adjust latent code and joint to shapes that no weights describe, or to a scan; errors before and after
+  eval RUN ... [--effects FILE.toml] [--dynamics]
+                 with more effects than training had; with inertia, frames that follow one another in time
+  simulate SCENE [--data DIR] [--without KIND] [--element-size H] [--out DIR]
+                 a scene that moves by itself, drawn beside the same without some of its effects
   compare RUN [--shapes FILE.glb|.json] [--units FILE.glb] [--width N] [--seconds S] [--retrain] [--out DIR]
                  set the trained field beside linear blendshapes and an explicit decoder, on the same frames, in a table
   accuracy [SCENE|RUN] [--budget SECONDS | --target LENGTH] [--full] [--data DIR] [--out DIR]
@@ -50,7 +54,7 @@ fn main() -> ExitCode {
     let command = arguments.next().unwrap_or_default();
     let rest: Vec<String> = arguments.collect();
     match command.as_str() {
-        "train" | "eval" | "compare" | "solve" => {
+        "train" | "eval" | "compare" | "simulate" | "solve" => {
             let words = [&[command], rest.as_slice()].concat();
             program("trainer", "myofield", &words)
         }

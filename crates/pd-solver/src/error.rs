@@ -163,3 +163,21 @@ pub enum SolverError {
         reason: String,
     },
 }
+
+impl SolverError {
+    /// Position in the list of effects of the one at fault, where there is one.
+    pub fn effect(&self) -> Option<usize> {
+        match self {
+            Self::DuplicateEffect { index, .. }
+            | Self::BadValue { index, .. }
+            | Self::OutOfRange { index, .. }
+            | Self::PrescribedTwice { index, .. }
+            | Self::Region { index, .. }
+            | Self::EmptyRegion { index, .. }
+            | Self::NoSurface { index, .. }
+            | Self::OpenCavity { index, .. }
+            | Self::Excluded { index, .. } => Some(*index),
+            _ => None,
+        }
+    }
+}

@@ -87,6 +87,18 @@ impl Parameters {
         out
     }
 
+    /// The part `t` of the way to another one, entry by entry.
+    ///
+    /// # Panics
+    /// When the shapes differ.
+    #[must_use]
+    pub fn between(&self, to: &Parameters, t: f64) -> Self {
+        if t == 1.0 {
+            return to.clone();
+        }
+        self.moved(t, &to.moved(-1.0, self))
+    }
+
     /// Sum over all entries of the products with those of another: the slope along a direction, for a gradient.
     ///
     /// # Panics

@@ -183,6 +183,16 @@ impl EffectSpec {
     }
 }
 
+impl EffectSpec {
+    /// Whether it needs the surface that hangs on the body: see [`Solver::on_surface`](crate::Solver::on_surface).
+    pub fn acts_on_surface(&self) -> bool {
+        matches!(
+            self,
+            Self::Pressure { .. } | Self::Force { .. } | Self::Wind { .. } | Self::Contact { .. }
+        )
+    }
+}
+
 fn unit() -> f64 {
     1.0
 }

@@ -11,7 +11,7 @@ use hex_mesh::{
     voxelise_with_bones,
 };
 use nalgebra::Vector3;
-use pd_solver::{EffectSpec, NodeSet, Solver, deformation_gradients};
+use pd_solver::{EffectSpec, EmbeddedSurface, NodeSet, Solver, deformation_gradients};
 use surface_mesh::Surface;
 
 /// A surface with its voxels.
@@ -62,7 +62,7 @@ impl Body {
     pub fn of_scene(scene: &Scene, surface: Surface, rig: &Rig, element_size: f64) -> Result<Self> {
         let name = match &scene.surface {
             SurfaceSource::File(file) => file.display().to_string(),
-            SurfaceSource::Starfish(_) => scene.name.clone(),
+            SurfaceSource::Starfish(_) | SurfaceSource::Solid(_) => scene.name.clone(),
         };
         let settings = scene.mesh.resized(element_size);
         let weights = vertex_weights(&surface, scene)?;
@@ -188,6 +188,27 @@ impl Body {
             effects.push(EffectSpec::Prescribed { nodes });
         }
         Ok(effects)
+    }
+
+    /// The surface as effects on it see it.
+    pub fn embedded_surface(&self) -> EmbeddedSurface {
+        EmbeddedSurface {
+            points: self.embedding.vertices().to_vec(),
+            triangles: self.surface.triangles().to_vec(),
+        }
+    }
+
+    /// The solver of the scene's effects, the bones and the surface.
+    ///
+    /// # Errors
+    /// When an effect does not fit the body; the error names its line in the scene where that is known.
+    pub fn solver(&self, scene: &Scene) -> Result<Solver> {
+        let effects = self.effects(scene)?;
+        let solver = match effects.iter().any(EffectSpec::acts_on_surface) {
+            true => Solver::on_surface(&self.mesh, &self.embedded_surface(), &effects),
+            false => Solver::new(&self.mesh, &effects),
+        };
+        solver.map_err(|source| scene.effect_error(source))
     }
 
     /// Vertices that count in the loss but cannot move by themselves: bones hold all nodes of the elements that carry them.

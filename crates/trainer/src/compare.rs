@@ -5,8 +5,9 @@ mod decoder;
 mod measure;
 mod write;
 
+pub use crate::geometry::Geometry;
 pub use decoder::Training;
-pub use measure::{FrameNumbers, Geometry, MethodNumbers, SetGeometry, SetNumbers, TargetNumbers};
+pub use measure::{FrameNumbers, MethodNumbers, SetGeometry, SetNumbers, TargetNumbers};
 pub use write::{Comparison, markdown};
 
 use crate::actuator::Actuator;

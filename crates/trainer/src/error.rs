@@ -277,6 +277,55 @@ pub enum TrainerError {
     /// A problem that the solver refuses.
     #[error(transparent)]
     Solver(#[from] pd_solver::SolverError),
+    /// An effect of a scene that the solver refuses, with its place.
+    #[error("{place}: {source}")]
+    Effect {
+        /// The scene and the line of the effect there.
+        place: String,
+        /// Why.
+        source: pd_solver::SolverError,
+    },
+    /// A weight in a motion for what does not exist.
+    #[error("{}: a key of the motion weighs `{name}`, which is no muscle and no shape; there are: {known}{hint}", path.display())]
+    UnknownMover {
+        /// The scene.
+        path: PathBuf,
+        /// The name.
+        name: String,
+        /// The names there are.
+        known: String,
+        /// The nearest of them.
+        hint: String,
+    },
+    /// A part of a motion that selects nothing.
+    #[error(
+        "motion: nothing of the body lies in the region of `{name}`: look at its numbers, which are in the scene's unit"
+    )]
+    EmptyPart {
+        /// What it is called.
+        name: String,
+    },
+    /// Dynamics without inertia.
+    #[error(
+        "nothing gives the body inertia: add an effect such as [[effects]] type = \"inertia\", density = 1e-5, time_step = 0.0208333333333 \
+         (half a frame at 24 frames per second)"
+    )]
+    NoInertia,
+    /// A step in time that does not divide a frame.
+    #[error(
+        "a time step of {step} s does not divide a frame of 1/{rate} s: give it 1/{rate} s, or a whole part of that"
+    )]
+    StepsPerFrame {
+        /// The step, in seconds.
+        step: f64,
+        /// Frames per second.
+        rate: f64,
+    },
+    /// A generated surface without target shapes.
+    #[error(
+        "a generated solid has no shapes to learn: train a surface from a file or the starfish, or `simulate` this scene"
+    )]
+    NothingToLearn,
     /// A network that cannot be built, loaded or stepped.
     #[error(transparent)]
     Network(#[from] actuation_net::Error),

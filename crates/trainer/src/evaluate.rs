@@ -15,7 +15,7 @@ use crate::trained::{Changes, Trained};
 use actuation_net::Output;
 use face_rig::JointParameters;
 use nalgebra::Vector3;
-use pd_solver::{SolveOptions, Status, Stop};
+use pd_solver::{Solution, SolveOptions, Status, Stop};
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 use surface_mesh::{MorphTarget, MorphedSurface, write_glb};
@@ -114,11 +114,14 @@ impl<'a> Evaluator<'a> {
         answer: &Output,
         start: Option<&[Vector3<f64>]>,
     ) -> Result<Equilibrium> {
-        let accuracy = self.scene.evaluation_accuracy(self.body.diagonal);
-        let options =
-            SolveOptions::new(Stop::Accuracy(accuracy)).with_method(self.scene.evaluation.method);
-        let options = options.measuring_error();
+        let options = self.options().measuring_error();
         self.simulator.equilibrium(answer, start, &options)
+    }
+
+    /// How shapes are simulated: to the accuracy of the scene's evaluation.
+    pub(crate) fn options(&self) -> SolveOptions {
+        let accuracy = self.scene.evaluation_accuracy(self.body.diagonal);
+        SolveOptions::new(Stop::Accuracy(accuracy)).with_method(self.scene.evaluation.method)
     }
 
     /// The solver and what hangs on the joint.
@@ -142,6 +145,21 @@ impl<'a> Evaluator<'a> {
         let Equilibrium {
             theta, solution, ..
         } = self.equilibrium(&output, start)?;
+        self.result(shape, descriptor, solution, theta, clock)
+    }
+
+    /// Measures what the solver found for a shape; `clock` was started before the network was asked.
+    ///
+    /// # Errors
+    /// When the surface has another number of vertices than the shape.
+    pub(crate) fn result(
+        &self,
+        shape: &Shape,
+        descriptor: Vec<f32>,
+        solution: Solution,
+        theta: Option<JointParameters>,
+        clock: std::time::Instant,
+    ) -> Result<ShapeResult> {
         let surface = self.body.surface_positions(&solution.positions);
         let seconds = clock.elapsed().as_secs_f64();
         let (mean_error, max_error, all) = distances(&surface, &shape.positions);

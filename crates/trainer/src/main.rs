@@ -1,7 +1,7 @@
 //! The program `myofield`: train, evaluate and simulate neural muscle fields.
 
 use clap::{Args, Parser, Subcommand};
-use pd_solver::{Method, Stop};
+use pd_solver::{Method, Status, Stop};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use surface_mesh::printable;
@@ -14,6 +14,7 @@ use trainer::rig::Rig;
 use trainer::run::{Run, newest_folder, next_folder};
 use trainer::scene::Scene;
 use trainer::shapes::load_shapes;
+use trainer::simulate::{SimulateRequest, simulate, variant_line};
 use trainer::solve::{BodySource, SolveRequest, solve};
 use trainer::table::{accuracy_reached, table};
 use trainer::train::{check, train};
@@ -37,6 +38,8 @@ enum Command {
     Eval(EvalArgs),
     /// Set the trained field beside linear blendshapes and an explicit decoder, on the same frames, in a table.
     Compare(CompareArgs),
+    /// Simulate a scene that moves by itself: muscles, shapes, held parts and loads by keys in time; beside it without some of its effects.
+    Simulate(SimulateArgs),
     /// Find one equilibrium, and the gradient of a loss, on arrays in .npy files.
     Solve(SolveArgs),
 }
@@ -139,6 +142,12 @@ struct ChangeArgs {
     /// How far any node may be from its place, such as "0.05 mm"; a bare number is in the scene's unit.
     #[arg(long, value_name = "LENGTH", allow_hyphen_values = true)]
     accuracy: Option<Length>,
+    /// A TOML file of more [[effects]], such as contact, pressure or weight, and [[motion.key]]s that move what is held and scale loads.
+    #[arg(long, value_name = "FILE.toml")]
+    effects: Option<PathBuf>,
+    /// Frames of a performance follow one another in time: needs an `inertia` among the effects, whose time step divides a frame.
+    #[arg(long, requires = "performance")]
+    dynamics: bool,
 }
 
 impl From<ChangeArgs> for Changes {
@@ -146,6 +155,8 @@ impl From<ChangeArgs> for Changes {
         Self {
             element_size: args.element_size,
             accuracy: args.accuracy,
+            effects: args.effects,
+            dynamics: args.dynamics,
         }
     }
 }
@@ -171,6 +182,24 @@ struct CompareArgs {
     #[arg(long)]
     retrain: bool,
     /// Where to write, and where the decoder is kept (RUN/comparison unless given).
+    #[arg(long, value_name = "DIR")]
+    out: Option<PathBuf>,
+}
+
+#[derive(Args)]
+struct SimulateArgs {
+    /// Scene file with a [motion].
+    scene: PathBuf,
+    /// Folder that the scene's files are relative to (that of the scene file unless given).
+    #[arg(long, value_name = "DIR")]
+    data: Option<PathBuf>,
+    /// A kind of effect to be left out in the row beside, instead of those that the scene names; may be given several times.
+    #[arg(long, value_name = "KIND")]
+    without: Vec<String>,
+    /// Another element size than that of the scene.
+    #[arg(long, value_name = "H", allow_hyphen_values = true)]
+    element_size: Option<f64>,
+    /// Where to write (simulations/NAME unless given).
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
 }
@@ -261,6 +290,7 @@ fn main() -> ExitCode {
         Command::Train(args) => run_train(&args).map(|()| true),
         Command::Eval(args) => run_eval(args).map(|()| true),
         Command::Compare(args) => run_compare(args).map(|()| true),
+        Command::Simulate(args) => run_simulate(args),
         Command::Solve(args) => run_solve(args),
     };
     match done {
@@ -445,6 +475,26 @@ fn run_compare(args: CompareArgs) -> trainer::Result<()> {
     println!("pictures   {folder}/comparison.png (target, field, linear blendshapes, decoder)");
     println!("decoder    {folder}/decoder.safetensors (used again unless --retrain is given)");
     Ok(())
+}
+
+fn run_simulate(args: SimulateArgs) -> trainer::Result<bool> {
+    let request = SimulateRequest {
+        scene: args.scene,
+        data: args.data,
+        without: (!args.without.is_empty()).then_some(args.without),
+        element_size: args.element_size,
+        out: args.out,
+    };
+    let simulated = simulate(&request)?;
+    for variant in &simulated.variants {
+        println!("{}", variant_line(variant));
+    }
+    let folder = simulated.folder.display();
+    println!("picture    {folder}/sheet.png");
+    println!("animation  {folder}/animation.glb (a morph target for every frame)");
+    println!("numbers    {folder}/simulation.json");
+    let mut frames = simulated.variants.iter().flat_map(|v| &v.frames);
+    Ok(frames.all(|f| f.status == Status::Converged))
 }
 
 fn run_solve(args: SolveArgs) -> trainer::Result<bool> {

@@ -1,6 +1,7 @@
 //! Performances: a body simulated frame by frame, along curves of weights or along a path of codes.
 
 mod files;
+mod moving;
 mod path;
 mod summary;
 
@@ -20,6 +21,7 @@ use crate::shapes::{Shape, ShapeSet, Shapes};
 use crate::trained::{Changes, Trained};
 use actuation_net::ActuationNet;
 use files::{Pictures, write};
+use moving::Moving;
 use nalgebra::Vector3;
 use path::along;
 use pd_solver::Status;
@@ -194,6 +196,7 @@ fn simulate(
     fps: f64,
 ) -> Result<Vec<PerformedFrame>> {
     let mut evaluator = Evaluator::new(body, scene)?;
+    let mut moving = Moving::new(body, scene, fps);
     let mut phase = Phase::new("performance", wanted.len() as u64, 0);
     let mut frames: Vec<PerformedFrame> = Vec::with_capacity(wanted.len());
     let mut nodes: Option<Vec<Vector3<f64>>> = None;
@@ -202,6 +205,14 @@ fn simulate(
             return Err(TrainerError::EvaluationStopped);
         }
         let (start, mut result) = match nodes.take() {
+            previous if let Some(moving) = &mut moving => {
+                let start = previous.as_ref().map_or(Start::Rest, |_| Start::Previous);
+                let wanted = (&shape, descriptor);
+                (
+                    start,
+                    moving.frame(&mut evaluator, net, wanted, i + 1, previous.as_deref())?,
+                )
+            }
             None => (Start::Rest, evaluator.shape(net, &shape, descriptor, None)?),
             Some(previous) => {
                 let warm = evaluator.shape(net, &shape, descriptor, Some(&previous))?;

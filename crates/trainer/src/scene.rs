@@ -1,11 +1,13 @@
 //! Scene files: what a body is made of, which shapes it is to learn, and how.
 
 use crate::error::{Result, TrainerError, file_error, suggestion};
+use crate::generated::Solid;
+use crate::motion::MotionSettings;
 use crate::rig::{BoneSettings, JawSettings};
 use crate::units::Length;
 use actuation_net::Width;
 use hex_mesh::NodeRegion;
-use pd_solver::{EffectSpec, Method};
+use pd_solver::{EffectSpec, Method, SolverError};
 use scene_shapes::{StarfishPose, StarfishShape};
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
@@ -47,7 +49,11 @@ pub struct Scene {
     pub jaw: JawSettings,
     /// What acts on the body; what is not listed costs nothing.
     pub effects: Vec<EffectSpec>,
+    /// File and line of each effect, for messages.
+    #[serde(skip)]
+    pub effect_places: Vec<String>,
     /// The network.
+    #[serde(default)]
     pub network: NetworkSettings,
     /// The loss.
     #[serde(default)]
@@ -61,6 +67,9 @@ pub struct Scene {
     /// How shapes are simulated when a run is evaluated.
     #[serde(default)]
     pub evaluation: Evaluation,
+    /// What `simulate` moves; training has no use for it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub motion: Option<MotionSettings>,
 }
 
 /// Where the neutral surface comes from: one of the two.
@@ -71,6 +80,8 @@ pub enum SurfaceSource {
     File(PathBuf),
     /// A generated starfish.
     Starfish(StarfishShape),
+    /// A generated ball, box or hollow ball, to try effects on.
+    Solid(Solid),
 }
 
 /// Which shapes there are and what they are for.
@@ -176,6 +187,16 @@ pub struct NetworkSettings {
     /// Frequency of the sine layers.
     #[serde(default = "default_omega")]
     pub omega: f32,
+}
+
+impl Default for NetworkSettings {
+    fn default() -> Self {
+        Self {
+            width: Width::W128,
+            latent: default_latent(),
+            omega: default_omega(),
+        }
+    }
 }
 
 /// The loss: mean over the surface of the squared distance, in hundredths of the bounding-box diagonal, plus `normal_weight` times the
@@ -378,9 +399,78 @@ impl Scene {
                 ),
             });
         }
-        let scene: Self = toml::from_str(text).map_err(|error| syntax_error(text, path, &error))?;
+        let mut scene: Self =
+            toml::from_str(text).map_err(|error| syntax_error(text, path, &error))?;
+        scene.effect_places = effect_places(text, path);
         scene.check(path)?;
         Ok(scene)
+    }
+
+    /// What the solver says of an effect, with the place of the effect where it is known.
+    pub(crate) fn effect_error(&self, source: SolverError) -> TrainerError {
+        let place = source
+            .effect()
+            .and_then(|index| self.effect_places.get(index));
+        match place {
+            Some(place) => TrainerError::Effect {
+                place: place.clone(),
+                source,
+            },
+            None => source.into(),
+        }
+    }
+
+    /// The same scene without the effects of some kinds.
+    #[must_use]
+    pub fn without(&self, kinds: &[String]) -> Self {
+        let mut scene = self.clone();
+        let keep: Vec<bool> = { self.effects.iter() }
+            .map(|e| !kinds.iter().any(|kind| kind == e.kind()))
+            .collect();
+        let mut kept = keep.iter();
+        scene.effects.retain(|_| *kept.next().unwrap_or(&true));
+        let mut kept = keep.iter();
+        scene
+            .effect_places
+            .retain(|_| *kept.next().unwrap_or(&true));
+        scene
+    }
+
+    /// The same scene at rest in every frame: without inertia and damping.
+    #[must_use]
+    pub fn still(&self) -> Self {
+        self.without(&["inertia".into(), "damping".into()])
+    }
+
+    /// Adds the effects of a file, and takes the keys of its motion where it has some; the file holds nothing else.
+    ///
+    /// # Errors
+    /// When the file cannot be read, does not parse, or its motion makes no sense.
+    pub fn add_effects(&mut self, path: &Path) -> Result<()> {
+        #[derive(Deserialize)]
+        #[serde(deny_unknown_fields)]
+        struct Effects {
+            #[serde(default)]
+            effects: Vec<EffectSpec>,
+            motion: Option<MotionSettings>,
+        }
+        let text = std::fs::read_to_string(path).map_err(file_error("read the effects", path))?;
+        let more: Effects =
+            toml::from_str(&text).map_err(|error| syntax_error(&text, path, &error))?;
+        self.effects.extend(more.effects);
+        self.effect_places.extend(effect_places(&text, path));
+        if let Some(motion) = more.motion {
+            if let Some((key, value, mend)) = motion.problem(&self.effects) {
+                return Err(TrainerError::SceneValue {
+                    path: path.to_path_buf(),
+                    key,
+                    value,
+                    mend,
+                });
+            }
+            self.motion = Some(motion);
+        }
+        Ok(())
     }
 
     fn check(&self, path: &Path) -> Result<()> {
@@ -465,8 +555,18 @@ impl Scene {
                 return wrong("pose", value, "give every pose a name of its own");
             }
         }
-        let generated = matches!(self.surface, SurfaceSource::Starfish(_));
-        if !generated && !self.poses.is_empty() {
+        if let SurfaceSource::Solid(solid) = &self.surface
+            && let Some((key, value, mend)) = solid.problem()
+        {
+            return wrong(key, value, mend);
+        }
+        if let Some(motion) = &self.motion
+            && let Some((key, value, mend)) = motion.problem(&self.effects)
+        {
+            return wrong(key, value, mend);
+        }
+        let generated = !matches!(self.surface, SurfaceSource::File(_));
+        if !matches!(self.surface, SurfaceSource::Starfish(_)) && !self.poses.is_empty() {
             let mend =
                 "poses are for a generated starfish; list the shapes of a file under [shapes]";
             return wrong("pose", format!("{} poses", self.poses.len()), mend);
@@ -477,6 +577,18 @@ impl Scene {
         }
         Ok(())
     }
+}
+
+/// File and line of each effect of a scene.
+fn effect_places(text: &str, path: &Path) -> Vec<String> {
+    let lines = text.lines().enumerate();
+    let effects = lines.filter(|(_, line)| {
+        let compact: String = line.chars().filter(|c| !c.is_whitespace()).collect();
+        compact.starts_with("[[effects]]")
+    });
+    effects
+        .map(|(i, _)| format!("{}:{}", path.display(), i + 1))
+        .collect()
 }
 
 /// toml's own message, shortened to its first line, with the line number and the nearest known key.

@@ -63,6 +63,7 @@ pub struct Inputs {
 /// When a file cannot be read, has no targets, or does not match the surface.
 pub fn load_shapes(scene: &Scene, data: &Path) -> Result<Inputs> {
     match &scene.surface {
+        SurfaceSource::Solid(_) => Err(TrainerError::NothingToLearn),
         SurfaceSource::Starfish(shape) => {
             let surface = scene_shapes::starfish(shape)?;
             let mut targets = Vec::new();
@@ -110,6 +111,23 @@ pub fn load_shapes(scene: &Scene, data: &Path) -> Result<Inputs> {
             }
             let shapes = MorphedSurface::new(neutral.surface, targets)?;
             Ok(Inputs { shapes, units })
+        }
+    }
+}
+
+/// The neutral surface of a scene alone, read or generated.
+///
+/// # Errors
+/// When a file cannot be read, or the measures of a generated surface are impossible.
+pub fn load_neutral(scene: &Scene, data: &Path) -> Result<Surface> {
+    match &scene.surface {
+        SurfaceSource::Solid(solid) => solid.surface(),
+        SurfaceSource::Starfish(shape) => Ok(scene_shapes::starfish(shape)?),
+        SurfaceSource::File(file) => {
+            let path = data.join(file);
+            let neutral = read_surface(&path)?;
+            check_unit(&path, &neutral, &scene.unit);
+            Ok(neutral.surface)
         }
     }
 }

@@ -37,7 +37,7 @@ impl Simulator {
     /// # Errors
     /// When the effects do not fit the body.
     pub fn new(body: &Body, scene: &Scene) -> Result<Self> {
-        let solver = Solver::new(&body.mesh, &body.effects(scene)?)?;
+        let solver = body.solver(scene)?;
         let hanging = Hanging::new(body, &solver);
         Ok(Self { solver, hanging })
     }

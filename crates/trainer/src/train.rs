@@ -17,7 +17,6 @@ use crate::stage1::{self, Pulled, Regression};
 use crate::stage2::{self, Outcome, Step, ThroughSimulator};
 use crate::table::mean_of;
 use actuation_net::{ActuationNet, AdamState, NetworkConfig};
-use pd_solver::Solver;
 use serde_json::json;
 use std::path::Path;
 use std::time::Instant;
@@ -67,7 +66,15 @@ pub fn check(scene: &Scene, path: &Path, inputs: &MorphedSurface, rig: &Rig) -> 
     let body = Body::of_scene(scene, surface, rig, scene.mesh.element_size)?;
     let shapes = Shapes::new(scene, inputs, rig.jaw.as_ref(), &body.vertex_weights)?;
     network_config(scene, &shapes).validate()?;
-    Solver::new(&body.mesh, &body.effects(scene)?)?;
+    if scene.effects.iter().any(|e| e.kind() == "inertia") {
+        return Err(TrainerError::SceneValue {
+            path: path.to_path_buf(),
+            key: "effects",
+            value: "with `inertia`".into(),
+            mend: "training finds shapes at rest: give inertia to `eval --dynamics --effects FILE`, or `simulate` the scene",
+        });
+    }
+    body.solver(scene)?;
     Ok(())
 }
 

@@ -7,6 +7,7 @@ use crate::scene::Scene;
 use crate::shapes::Shapes;
 use crate::units::Length;
 use actuation_net::ActuationNet;
+use std::path::PathBuf;
 use surface_mesh::MorphedSurface;
 
 /// Scene, body, shapes and network of a finished run.
@@ -30,6 +31,10 @@ pub struct Changes {
     pub element_size: Option<f64>,
     /// How far any node may be from its place: [`Scene::accuracy`].
     pub accuracy: Option<Length>,
+    /// A file of effects that are added to those of training, and of keys for what is held: see [`Scene::add_effects`].
+    pub effects: Option<PathBuf>,
+    /// Whether frames follow one another in time: inertia and damping act, which training and single shapes know nothing of.
+    pub dynamics: bool,
 }
 
 impl Trained {
@@ -41,6 +46,15 @@ impl Trained {
         let mut scene = run.scene()?;
         if let Some(accuracy) = &changes.accuracy {
             scene.set_accuracy(accuracy)?;
+        }
+        if let Some(path) = &changes.effects {
+            scene.add_effects(path)?;
+        }
+        let timed = scene.effects.iter().any(|e| e.kind() == "inertia");
+        match changes.dynamics {
+            true if !timed => return Err(TrainerError::NoInertia),
+            true => {}
+            false => scene = scene.still(),
         }
         let inputs = run.inputs()?;
         let element_size = changes.element_size.unwrap_or(scene.mesh.element_size);

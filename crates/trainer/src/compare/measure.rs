@@ -3,15 +3,14 @@
 use crate::body::Body;
 use crate::error::Result;
 use crate::evaluate::{ShapeResult, weighted};
+use crate::geometry::{Geometry, GeometryMeasure};
 use crate::loss::distances;
 use crate::shapes::{Shape, ShapeSet, Shapes};
 use crate::table::mean_of;
 use nalgebra::Vector3;
 use pd_solver::Status;
 use serde::Serialize;
-use std::collections::HashSet;
 use std::time::Instant;
-use surface_mesh::self_intersections;
 
 /// A frame as a method reaches it.
 pub(super) struct Reached {
@@ -47,15 +46,6 @@ pub(super) fn blend(shapes: &Shapes, frames: &[Shape]) -> Result<Vec<Reached>> {
         })
     });
     reached.collect()
-}
-
-/// What a surface does not keep.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
-pub struct Geometry {
-    /// Enclosed volume against rest, in percent.
-    pub volume_change_percent: f64,
-    /// Pairs of triangles that pass through each other and did not at rest ([`self_intersections`]).
-    pub crossing_pairs: usize,
 }
 
 /// One frame by one method.
@@ -151,31 +141,15 @@ pub struct MethodNumbers {
 /// Measures surfaces of one body.
 pub(super) struct Measure<'a> {
     body: &'a Body,
-    volume: f64,
-    crossing: HashSet<[u32; 2]>,
+    geometry: GeometryMeasure<'a>,
 }
 
 impl<'a> Measure<'a> {
     pub fn new(body: &'a Body) -> Self {
-        let surface = &body.surface;
-        let crossing = self_intersections(surface.vertices(), surface.triangles());
         Self {
             body,
-            volume: surface.signed_volume(),
-            crossing: crossing.into_iter().collect(),
+            geometry: GeometryMeasure::new(&body.surface),
         }
-    }
-
-    fn geometry(&self, positions: &[Vector3<f64>]) -> Result<Geometry> {
-        let moved = self.body.surface.with_vertices(positions.to_vec())?;
-        let crossing = self_intersections(positions, moved.triangles());
-        let new = crossing
-            .iter()
-            .filter(|pair| !self.crossing.contains(*pair));
-        Ok(Geometry {
-            volume_change_percent: 100.0 * (moved.signed_volume() / self.volume - 1.0),
-            crossing_pairs: new.count(),
-        })
     }
 
     /// What the targets do not keep.
@@ -183,7 +157,7 @@ impl<'a> Measure<'a> {
         let of = |trained: bool| -> Result<Option<SetGeometry>> {
             let set = frames.iter().filter(|f| is_trained(f.set) == trained);
             let all: Vec<Geometry> = set
-                .map(|frame| self.geometry(&frame.positions))
+                .map(|frame| self.geometry.of(&frame.positions))
                 .collect::<Result<_>>()?;
             Ok((!all.is_empty()).then(|| SetGeometry::of(&all)))
         };
@@ -223,7 +197,7 @@ impl<'a> Measure<'a> {
             weighted_error,
             error_p99,
             seconds: reached.seconds,
-            geometry: self.geometry(&reached.surface)?,
+            geometry: self.geometry.of(&reached.surface)?,
             inverted_elements: reached.simulated.map(|(inverted, _)| inverted),
             converged: reached.simulated.map(|(_, converged)| converged),
         })
@@ -290,24 +264,5 @@ mod tests {
         let volume = |i: usize| method.frames[i].geometry.volume_change_percent;
         assert!((volume(0) - 5.3).abs() < 1e-2, "{}", volume(0));
         assert!(volume(3).abs() < 1e-2, "{}", volume(3));
-    }
-
-    #[test]
-    fn what_crossed_at_rest_is_not_counted() {
-        let scene = fixture::scene("");
-        let body = fixture::body(&scene);
-        let measure = Measure::new(&body);
-        let mut positions = body.surface.vertices().to_vec();
-        assert_eq!(measure.geometry(&positions).unwrap().crossing_pairs, 0);
-        positions[0] *= -1.5;
-        positions[0].x += 0.01;
-        let crossing = measure.geometry(&positions).unwrap().crossing_pairs;
-        assert!(crossing > 0);
-        let pairs = self_intersections(&positions, body.surface.triangles());
-        let known = Measure {
-            crossing: pairs.into_iter().collect(),
-            ..measure
-        };
-        assert_eq!(known.geometry(&positions).unwrap().crossing_pairs, 0);
     }
 }
