@@ -103,6 +103,24 @@ pub enum SolverError {
         /// What it does not go with, and the mend.
         why: &'static str,
     },
+    /// Things that contact keeps apart, but that pass through each other where it begins.
+    #[error(
+        "effect {index} (`contact`): triangle {triangle} of the surface passes through {what}, or touches it, near ({:.4}, {:.4}, {:.4}): move one \
+         of them away, take the obstacle out, or begin at positions where nothing passes through anything",
+        near[0],
+        near[1],
+        near[2]
+    )]
+    Intersects {
+        /// Position in the list of effects.
+        index: usize,
+        /// The triangle of the surface.
+        triangle: usize,
+        /// What it passes through.
+        what: String,
+        /// Where.
+        near: [f64; 3],
+    },
     /// A connected part of the body that could move freely as a rigid body.
     #[error(
         "{count} connected nodes around node {node} are held by nothing, so their position is not determined: \

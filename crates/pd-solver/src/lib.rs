@@ -24,6 +24,7 @@
 
 mod activation;
 mod adjoint;
+mod approach;
 mod assembly;
 mod constant;
 mod effects;
@@ -50,7 +51,7 @@ mod symbolic;
 mod vector;
 
 pub use constant::FactorSeconds;
-pub use effects::deformation_gradients;
+pub use effects::{ContactReport, deformation_gradients};
 pub use error::SolverError;
 pub use motion::{Momenta, Motion, StepGradient, TimeStep};
 pub use parameters::Parameters;

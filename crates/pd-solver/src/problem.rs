@@ -1,6 +1,7 @@
 //! The discrete problem on one grid: effects and prescribed nodes, as functions of the nodal positions.
 
 use crate::activation::Activation;
+use crate::approach;
 use crate::constant::ConstantSystem;
 use crate::effects::{Batches, CoarseView, Effect, Stepping, build, springs::Springs};
 use crate::error::SolverError;
@@ -76,6 +77,7 @@ impl Problem {
                 return Err(SolverError::Falls { node, count });
             }
         }
+        approach::check_floating(mesh, &floating, specs)?;
         let pins = pins(
             &floating,
             elastic_stiffness * mesh.element_size(),
@@ -279,6 +281,25 @@ impl Problem {
     pub(crate) fn step_limit(&mut self, from: &[Vector3<f64>], to: &[Vector3<f64>]) -> f64 {
         let limits = self.effects.iter_mut().map(|e| e.step_limit(from, to));
         limits.fold(1.0, f64::min)
+    }
+
+    /// What effects see of contact.
+    pub(crate) fn contacts(&mut self) -> impl Iterator<Item = &mut Box<dyn Effect>> {
+        self.effects.iter_mut().filter(|e| e.limits_steps())
+    }
+
+    /// The norm of the gradient at `u` without contact, which knows no scale where things pass through each other.
+    pub(crate) fn gradient_norm_apart(
+        &mut self,
+        u: &[Vector3<f64>],
+        gradient: &mut NodalVector,
+    ) -> f64 {
+        gradient.fill(Vector3::zeros());
+        for effect in self.effects.iter_mut().filter(|e| !e.limits_steps()) {
+            effect.energy_gradient(u, gradient);
+        }
+        self.clear_prescribed(gradient);
+        norm(gradient)
     }
 
     /// Writes the prescribed positions into `u`.

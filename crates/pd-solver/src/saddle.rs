@@ -107,10 +107,24 @@ impl Solver {
             return false;
         }
         let mut length = problem.element_size / longest;
+        // On either side no further than nothing is passed through: the look for the least energy leaves room for doubling.
+        let mut reach = [f64::INFINITY; 2];
+        if problem.limits_steps() {
+            length *= f64::from(1 << MAX_DOUBLINGS);
+            for (reach, signed) in reach.iter_mut().zip([length, -length]) {
+                add_scaled(u, signed, direction, &mut space.last);
+                *reach = length * problem.step_limit(u, &space.last);
+            }
+            length /= f64::from(1 << MAX_DOUBLINGS);
+        }
+        let allows = |signed: f64| signed.abs() <= reach[usize::from(signed < 0.0)];
         let low = energy - ENERGY_ROUNDOFF * energy.abs();
         let mut best: Option<(f64, f64)> = None;
         for _ in 0..=MAX_HALVINGS {
             for signed in [length, -length] {
+                if !allows(signed) {
+                    continue;
+                }
                 add_scaled(u, signed, direction, &mut space.last);
                 let energy = problem.evaluate(&space.last, &mut space.last_gradient);
                 if energy < best.map_or(low, |(_, least)| least) {
@@ -126,6 +140,9 @@ impl Solver {
             return false;
         };
         for _ in 0..MAX_DOUBLINGS {
+            if !allows(2.0 * step) {
+                break;
+            }
             add_scaled(u, 2.0 * step, direction, &mut space.last);
             let energy = problem.evaluate(&space.last, &mut space.last_gradient);
             if energy.is_nan() || energy >= least {

@@ -2,6 +2,7 @@
 
 use crate::adjoint::{adjoint, is_equilibrium, refuse};
 use crate::constant::{ConstantSystem, FactorSeconds};
+use crate::effects::ContactReport;
 use crate::error::SolverError;
 use crate::methods::coarse_to_fine::{self, CoarseBody, carry_down};
 use crate::methods::{
@@ -31,7 +32,7 @@ const SMALL: usize = 400;
 /// solves are deterministic: the same calls give the same bits, whatever the number of threads. After the first solve and the
 /// first adjoint, [`Solver::solve_into`] and [`Solver::adjoint_into`] allocate nothing that grows with the body.
 pub struct Solver {
-    problem: Problem,
+    pub(crate) problem: Problem,
     /// Grids that no multigrid was made of yet.
     hierarchy: Option<Hierarchy>,
     cycle: Option<Cycle>,
@@ -41,6 +42,8 @@ pub struct Solver {
     space: Workspace,
     free: Vec<u32>,
     setup_seconds: f64,
+    /// Where the last solve left the vertices of obstacles.
+    pub(crate) left_obstacles: NodalVector,
 }
 
 impl Solver {
@@ -80,6 +83,7 @@ impl Solver {
             constant: None,
             space: Workspace::default(),
             setup_seconds: 0.0,
+            left_obstacles: NodalVector::new(),
         };
         solver.hierarchy = Hierarchy::new(
             mesh,
@@ -206,6 +210,19 @@ impl Solver {
             work.multigrid_cycles = cycle.multigrid.cycles;
         }
         work
+    }
+
+    /// What each contact effect sees at the positions `u` `[nodes]`, with obstacles where the last call put them.
+    ///
+    /// # Errors
+    /// When the positions do not fit or are not finite.
+    pub fn contact_reports(
+        &mut self,
+        u: &[Vector3<f64>],
+    ) -> Result<Vec<ContactReport>, SolverError> {
+        check_positions("positions", u, self.problem.len())?;
+        let contacts = self.problem.contacts();
+        Ok(contacts.filter_map(|c| c.contact_report(u)).collect())
     }
 
     /// Energy and its gradient at `u` `[nodes]`; the gradient is zero at prescribed nodes, whose positions are taken from `u`.
@@ -369,8 +386,14 @@ impl Solver {
                 u.copy_from_slice(&self.problem.rest);
                 self.problem.impose(parameters, u);
                 self.space.reserve(u.len());
-                let energy = self.problem.evaluate(u, &mut self.space.gradient);
-                (energy, Some(norm(&self.space.gradient)))
+                if self.problem.limits_steps() {
+                    let gradient = &mut self.space.gradient;
+                    let norm = self.problem.gradient_norm_apart(u, gradient);
+                    (f64::INFINITY, Some(norm))
+                } else {
+                    let energy = self.problem.evaluate(u, &mut self.space.gradient);
+                    (energy, Some(norm(&self.space.gradient)))
+                }
             }
         };
         let mut coarse_iterations = 0;
@@ -400,6 +423,10 @@ impl Solver {
                 self.problem.impose(parameters, u);
             }
         }
+        let approached = match self.problem.limits_steps() {
+            true => Some(self.approach(parameters, start, options, u)?),
+            false => None,
+        };
         let floor = self.problem.gradient_floor(u);
         let target = match options.stop {
             Stop::Accuracy(length) => Target {
@@ -415,7 +442,10 @@ impl Solver {
         };
         let limit = options.max_iterations;
         let asked = method;
-        let mut outcome = self.run_with_fallback(&mut method, u, &target, limit);
+        let mut outcome = match approached {
+            Some(walk) => self.run_after(walk, &mut method, u, &target, limit),
+            None => self.run_with_fallback(&mut method, u, &target, limit),
+        };
         let mut negative_curvature = None;
         if options.leave_saddles || self.may_be_saddle(method, u, &outcome) {
             negative_curvature = self.leave_saddles(&mut method, u, &target, limit, &mut outcome);

@@ -13,10 +13,12 @@ pub(crate) mod springs;
 mod volume;
 
 use crate::constant::ConstantMatrix;
+use crate::error::SolverError;
 use crate::multigrid::{Grid, Transfer};
 use crate::parameters::Parameters;
 use crate::vector::NodalVector;
 pub(crate) use build::{Batches, Stepping, build};
+pub use contact::ContactReport;
 pub use elasticity::deformation_gradients;
 use nalgebra::Vector3;
 
@@ -64,6 +66,29 @@ pub(crate) trait Effect: Send + Sync {
     /// The share of the way from the positions `from` to the positions `to` that a step may go.
     fn step_limit(&mut self, _from: &[Vector3<f64>], _to: &[Vector3<f64>]) -> f64 {
         1.0
+    }
+
+    /// Moves obstacles, given by the vertices of all of them.
+    fn set_obstacles(&mut self, _obstacles: &[Vector3<f64>]) {}
+
+    /// The share of a motion of the body and of obstacles, from where they are set, that both may go.
+    fn motion_limit(
+        &mut self,
+        _from: &[Vector3<f64>],
+        _to: &[Vector3<f64>],
+        _obstacles: &[Vector3<f64>],
+    ) -> f64 {
+        1.0
+    }
+
+    /// What passes through what at `u` and must not.
+    fn intersection(&mut self, _u: &[Vector3<f64>]) -> Option<SolverError> {
+        None
+    }
+
+    /// What contact sees at `u`.
+    fn contact_report(&mut self, _u: &[Vector3<f64>]) -> Option<ContactReport> {
+        None
     }
 
     /// Calls `f` with nodes, weights and stiffness of every linear form `stiffness / 2 |weights . u|^2` in the Hessian that is

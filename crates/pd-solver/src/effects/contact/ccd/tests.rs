@@ -1,0 +1,54 @@
+use super::super::distance::tests::{Numbers, shifted};
+use super::*;
+
+/// The first of many times at which a pair is nearer than a share of its distance at the start.
+fn sampled(kind: Kind, x: &Quad, p: &Quad, kept: f64) -> Option<f64> {
+    let distance = |t: f64| Nearest::of(kind, &shifted(x, t, p)).squared().sqrt();
+    let start = distance(0.0);
+    let times = (0..=20_000).map(|i| f64::from(i) / 20_000.0);
+    times.into_iter().find(|&t| distance(t) < kept * start)
+}
+
+#[test]
+fn shares_are_free_and_not_much_less_than_sampled() {
+    let mut numbers = Numbers(77);
+    let (mut meets, mut free) = (0, 0);
+    for case in 0..600 {
+        let kind = [Kind::VertexTriangle, Kind::EdgeEdge][case % 2];
+        let x = numbers.quad();
+        let mut p = numbers.quad();
+        // Some that aim at each other.
+        if case % 3 == 0 {
+            let q = Nearest::of(kind, &x).q;
+            p[0] -= q * 3.0;
+            if kind == Kind::EdgeEdge {
+                p[1] -= q * 3.0;
+            }
+        }
+        let share = free_share(kind, &x, &p);
+        // Never beyond where the distance falls below what is kept.
+        if let Some(t) = sampled(kind, &x, &p, 0.0999) {
+            meets += 1;
+            assert!(share <= t, "{kind:?}: {share} beyond {t}");
+        }
+        // And no less than where it still has a third.
+        match sampled(kind, &x, &p, 0.3) {
+            Some(t) => assert!(share >= 0.5 * t, "{kind:?}: {share} against {t}"),
+            None => {
+                free += 1;
+                assert!(share > 0.99, "{kind:?}: {share}");
+            }
+        }
+    }
+    assert!(meets > 20 && free > 100, "{meets} {free}");
+}
+
+#[test]
+fn what_does_not_move_against_each_other_is_free() {
+    let mut numbers = Numbers(8);
+    for kind in [Kind::VertexTriangle, Kind::EdgeEdge] {
+        let x = numbers.quad();
+        let p = [nalgebra::Vector3::new(5.0, 6.0, 7.0); 4];
+        assert_eq!(free_share(kind, &x, &p), 1.0);
+    }
+}

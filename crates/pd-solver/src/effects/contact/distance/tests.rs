@@ -1,0 +1,143 @@
+use super::*;
+
+/// Reproducible numbers in [-1, 1) (SplitMix64).
+pub(crate) struct Numbers(pub(crate) u64);
+
+impl Numbers {
+    pub(crate) fn next(&mut self) -> f64 {
+        self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
+        let mut z = self.0;
+        z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
+        z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
+        ((z ^ (z >> 31)) >> 11) as f64 / (1u64 << 52) as f64 - 1.0
+    }
+
+    pub(crate) fn quad(&mut self) -> Quad {
+        std::array::from_fn(|_| Vector3::from_fn(|_, _| self.next()))
+    }
+}
+
+pub(crate) fn shifted(x: &Quad, t: f64, d: &Quad) -> Quad {
+    std::array::from_fn(|i| x[i] + d[i] * t)
+}
+
+pub(crate) fn flat(x: &Quad) -> Gradient {
+    Gradient::from_fn(|i, _| x[i / 3][i % 3])
+}
+
+/// Fourth-order central difference at zero.
+pub(crate) fn slope(step: f64, f: impl Fn(f64) -> f64) -> f64 {
+    (8.0 * (f(step) - f(-step)) - (f(2.0 * step) - f(-2.0 * step))) / (12.0 * step)
+}
+
+/// Places in which each number of parameters is inside its range.
+fn places(kind: Kind) -> Vec<Quad> {
+    let mut numbers = Numbers(3);
+    let (mut found, mut counts) = (Vec::new(), [0; 3]);
+    for _ in 0..400 {
+        let x = numbers.quad();
+        let free = Nearest::of(kind, &x).free;
+        if counts[free] < 5 {
+            counts[free] += 1;
+            found.push(x);
+        }
+    }
+    assert_eq!(counts, [5; 3], "{kind:?}: vertices, edges and insides");
+    found
+}
+
+/// The least distance over many places on both.
+fn sampled(kind: Kind, x: &Quad) -> f64 {
+    let steps = 60;
+    let at = |i: usize| f64::from(i as u32) / f64::from(steps);
+    let mut least = f64::INFINITY;
+    for i in 0..=steps as usize {
+        for j in 0..=steps as usize {
+            let (s, t) = (at(i), at(j));
+            let q = match kind {
+                Kind::VertexTriangle => {
+                    let (s, t) = (s, t * (1.0 - s));
+                    x[0] - x[1] * (1.0 - s - t) - x[2] * s - x[3] * t
+                }
+                Kind::EdgeEdge => x[0] * (1.0 - s) + x[1] * s - x[2] * (1.0 - t) - x[3] * t,
+            };
+            least = least.min(q.norm());
+        }
+    }
+    least
+}
+
+#[test]
+fn distances_are_the_least() {
+    for kind in [Kind::VertexTriangle, Kind::EdgeEdge] {
+        for x in places(kind) {
+            let (exact, sampled) = (Nearest::of(kind, &x).squared().sqrt(), sampled(kind, &x));
+            assert!(exact <= sampled + 1e-12, "{kind:?}: {exact} {sampled}");
+            assert!(sampled - exact < 0.05, "{kind:?}: {exact} {sampled}");
+        }
+    }
+}
+
+#[test]
+fn gradients_and_hessians_are_slopes() {
+    let mut numbers = Numbers(11);
+    for kind in [Kind::VertexTriangle, Kind::EdgeEdge] {
+        for x in places(kind) {
+            let (a, b) = (numbers.quad(), numbers.quad());
+            let at = |t: f64, d: &Quad| Nearest::of(kind, &shifted(&x, t, d));
+            let here = Nearest::of(kind, &x);
+            let (exact, by_difference) = (
+                here.gradient().dot(&flat(&a)),
+                slope(1e-4, |t| at(t, &a).squared()),
+            );
+            assert!(
+                (exact - by_difference).abs() < 1e-8,
+                "{exact} {by_difference}"
+            );
+            let exact = flat(&b).dot(&(here.hessian(&x) * flat(&a)));
+            let by_difference = slope(1e-4, |t| at(t, &a).gradient().dot(&flat(&b)));
+            let error = (exact - by_difference).abs() / exact.abs().max(1.0);
+            assert!(
+                error < 1e-6,
+                "{kind:?} {}: {exact} {by_difference}",
+                here.free
+            );
+        }
+    }
+}
+
+#[test]
+fn the_crossing_has_its_derivatives() {
+    let mut numbers = Numbers(5);
+    for _ in 0..10 {
+        let (x, a, b) = (numbers.quad(), numbers.quad(), numbers.quad());
+        let exact = crossing_gradient(&x).dot(&flat(&a));
+        let by_difference = slope(1e-3, |t| crossing(&shifted(&x, t, &a)));
+        assert!((exact - by_difference).abs() < 1e-9);
+        let exact = flat(&b).dot(&(crossing_hessian(&x) * flat(&a)));
+        let of = |t| crossing_gradient(&shifted(&x, t, &a)).dot(&flat(&b));
+        assert!((exact - slope(1e-3, of)).abs() < 1e-9);
+    }
+}
+
+#[test]
+fn flat_things_have_distances_too() {
+    let at = |x: f64, y: f64, z: f64| Vector3::new(x, y, z);
+    let point = [at(1.0, 1.0, 0.5); 4];
+    assert_eq!(Nearest::of(Kind::VertexTriangle, &point).squared(), 0.0);
+    assert_eq!(Nearest::of(Kind::EdgeEdge, &point).squared(), 0.0);
+    let line = [
+        at(0.0, 2.0, 0.0),
+        at(-1.0, 0.0, 0.0),
+        at(0.5, 0.0, 0.0),
+        at(1.0, 0.0, 0.0),
+    ];
+    assert_eq!(Nearest::of(Kind::VertexTriangle, &line).squared(), 4.0);
+    let parallel = [
+        at(0.0, 0.0, 0.0),
+        at(1.0, 0.0, 0.0),
+        at(0.5, 0.0, 3.0),
+        at(2.0, 0.0, 3.0),
+    ];
+    assert_eq!(Nearest::of(Kind::EdgeEdge, &parallel).squared(), 9.0);
+}

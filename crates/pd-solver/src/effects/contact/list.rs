@@ -1,0 +1,61 @@
+//! The list of pairs that may be felt, kept while nothing has moved far.
+
+use super::broad::{Motion, Near, near};
+use super::distance::Nearest;
+use super::topology::{Pair, Topology};
+use nalgebra::Vector3;
+
+/// Pairs nearer than their barriers and a margin, where the list was made.
+#[derive(Default)]
+pub(super) struct PairList {
+    pub(super) pairs: Vec<Pair>,
+    /// Where all points were then; nowhere before the first search.
+    at: Vec<Vector3<f64>>,
+    /// How often it was made.
+    pub(super) searches: u64,
+}
+
+impl PairList {
+    /// Whether at `x` nothing is felt that is not in the list: no point moved more than half the margin since.
+    pub(super) fn serves(&self, x: &[Vector3<f64>], margin: f64) -> bool {
+        let limit = 0.25 * margin * margin;
+        let near = |(a, b): (&Vector3<f64>, &Vector3<f64>)| (a - b).norm_squared() <= limit;
+        self.at.len() == x.len() && self.at.iter().zip(x).all(near)
+    }
+
+    /// Makes the list anew where it does not serve. Positions that are not finite leave it as it is.
+    pub(super) fn prepare(
+        &mut self,
+        topology: &Topology,
+        own: bool,
+        x: &[Vector3<f64>],
+        (dhat, margin): (f64, f64),
+    ) {
+        if self.serves(x, margin) || !x.iter().all(|x| x.iter().all(|x| x.is_finite())) {
+            return;
+        }
+        self.searches += 1;
+        let keep = |near: Near| {
+            let pair = pair(topology, near)?;
+            let reach = pair.barrier.dhat + margin;
+            let nearest = Nearest::of(pair.barrier.kind, &pair.gather(x));
+            (nearest.squared() < reach * reach).then_some(pair)
+        };
+        let motion = Motion::at(x, dhat + margin);
+        self.pairs = near(topology, motion, own, usize::MAX, keep).unwrap_or_default();
+        self.at.clear();
+        self.at.extend_from_slice(x);
+    }
+
+    pub(super) fn bytes(&self) -> usize {
+        size_of_val(&self.pairs[..]) + size_of_val(&self.at[..])
+    }
+}
+
+/// What is near, as a pair, where it can touch.
+pub(super) fn pair(topology: &Topology, near: Near) -> Option<Pair> {
+    match near {
+        Near::VertexTriangle(vertex, triangle) => topology.vertex_triangle(vertex, triangle),
+        Near::EdgeEdge(e, f) => topology.edge_edge(e, f),
+    }
+}

@@ -1,0 +1,132 @@
+//! Bodies of cells with the surface of their boundary, and a test for crossings that knows nothing of the solver's.
+
+use hex_mesh::{HexMesh, Quadrature};
+use nalgebra::Vector3;
+use pd_solver::EmbeddedSurface;
+use std::collections::BTreeMap;
+
+/// The cells between two corners.
+pub fn block(low: [i32; 3], high: [i32; 3]) -> Vec<[i32; 3]> {
+    let mut cells = Vec::new();
+    for x in low[0]..high[0] {
+        for y in low[1]..high[1] {
+            cells.extend((low[2]..high[2]).map(|z| [x, y, z]));
+        }
+    }
+    cells
+}
+
+/// A body of cells.
+pub fn lattice(cells: Vec<[i32; 3]>, size: f64) -> HexMesh {
+    HexMesh::from_cells(cells, Vector3::zeros(), size, Quadrature::Eight).expect("a valid body")
+}
+
+/// The boundary of a body, each face of a cell as two triangles, a hair inside so that it is carried by its own cells.
+pub fn skin(mesh: &HexMesh) -> EmbeddedSurface {
+    const FACES: [[usize; 3]; 6] = [
+        [0, 1, 2],
+        [0, 1, 2],
+        [1, 2, 0],
+        [1, 2, 0],
+        [2, 0, 1],
+        [2, 0, 1],
+    ];
+    let mut count: BTreeMap<Vec<u32>, usize> = BTreeMap::new();
+    let mut faces = Vec::new();
+    for nodes in mesh.elements() {
+        for (face, [axis, a, b]) in FACES.iter().enumerate() {
+            let at = |n: u32| mesh.nodes()[n as usize];
+            let middle: Vector3<f64> = nodes.iter().map(|&n| at(n)).sum::<Vector3<f64>>() / 8.0;
+            let sign = if face % 2 == 0 { 1.0 } else { -1.0 };
+            let on_face = |s: f64, t: f64| {
+                let found = nodes.iter().find(|&&n| {
+                    let d = at(n) - middle;
+                    d[*axis] * sign > 0.0 && d[*a] * s > 0.0 && d[*b] * t > 0.0
+                });
+                *found.expect("a corner")
+            };
+            let mut quad = [
+                on_face(-1.0, -1.0),
+                on_face(1.0, -1.0),
+                on_face(1.0, 1.0),
+                on_face(-1.0, 1.0),
+            ];
+            if sign < 0.0 {
+                quad.reverse();
+            }
+            let mut key = quad.to_vec();
+            key.sort_unstable();
+            *count.entry(key.clone()).or_default() += 1;
+            faces.push((quad, key));
+        }
+    }
+    let mut number: BTreeMap<u32, u32> = BTreeMap::new();
+    let mut points = Vec::new();
+    let mut triangles = Vec::new();
+    for (quad, key) in faces {
+        if count[&key] > 1 {
+            continue;
+        }
+        let [a, b, c, d] = quad.map(|n| {
+            *number.entry(n).or_insert_with(|| {
+                points.push(mesh.nodes()[n as usize]);
+                points.len() as u32 - 1
+            })
+        });
+        triangles.extend([[a, b, c], [a, c, d]]);
+    }
+    let embedded = hex_mesh::embed(mesh, &points).expect("finite");
+    EmbeddedSurface {
+        points: embedded.vertices().to_vec(),
+        triangles,
+    }
+}
+
+/// Pairs of triangles that cross: of the surface with itself, or with an obstacle. Each edge of either against the other, by signed volumes, for
+/// triangles without a common corner.
+pub fn crossings(
+    surface: &EmbeddedSurface,
+    mesh: &HexMesh,
+    u: &[Vector3<f64>],
+    obstacle: Option<(&[Vector3<f64>], &[[u32; 3]])>,
+) -> usize {
+    let at = |p: &hex_mesh::EmbeddedPoint| -> Vector3<f64> {
+        let corners = mesh.elements()[p.element as usize].iter().zip(&p.weights);
+        corners.map(|(&n, w)| u[n as usize] * *w).sum()
+    };
+    let mut x: Vec<Vector3<f64>> = surface.points.iter().map(at).collect();
+    let mut triangles = surface.triangles.clone();
+    let own = triangles.len();
+    if let Some((vertices, others)) = obstacle {
+        let first = x.len() as u32;
+        x.extend_from_slice(vertices);
+        triangles.extend(others.iter().map(|t| t.map(|v| v + first)));
+    }
+    let mut found = 0;
+    for (i, s) in triangles.iter().enumerate().take(own) {
+        for t in &triangles[i + 1..] {
+            if s.iter().any(|v| t.contains(v)) {
+                continue;
+            }
+            let edges = |t: &[u32; 3]| [(t[0], t[1]), (t[1], t[2]), (t[2], t[0])];
+            let one = edges(s).iter().any(|e| through(&x, *e, t));
+            let other = edges(t).iter().any(|e| through(&x, *e, s));
+            found += usize::from(one || other);
+        }
+    }
+    found
+}
+
+fn through(x: &[Vector3<f64>], (p, q): (u32, u32), t: &[u32; 3]) -> bool {
+    let at = |v: u32| x[v as usize];
+    let volume = |a: u32, b: u32, c: u32, d: u32| {
+        nalgebra::Matrix3::from_columns(&[at(b) - at(a), at(c) - at(a), at(d) - at(a)])
+            .determinant()
+    };
+    let [a, b, c] = *t;
+    if volume(a, b, c, p) * volume(a, b, c, q) >= 0.0 {
+        return false;
+    }
+    let turns = [volume(p, q, a, b), volume(p, q, b, c), volume(p, q, c, a)];
+    turns.iter().all(|v| *v >= 0.0) || turns.iter().all(|v| *v <= 0.0)
+}
