@@ -194,7 +194,8 @@ impl SolverError {
             | Self::EmptyRegion { index, .. }
             | Self::NoSurface { index, .. }
             | Self::OpenCavity { index, .. }
-            | Self::Excluded { index, .. } => Some(*index),
+            | Self::Excluded { index, .. }
+            | Self::Intersects { index, .. } => Some(*index),
             _ => None,
         }
     }

@@ -34,15 +34,19 @@ impl<'a> GeometryMeasure<'a> {
 
     /// What the surface does not keep with its vertices at `positions`.
     pub fn of(&self, positions: &[Vector3<f64>]) -> Result<Geometry> {
+        self.with_crossings(positions).map(|(geometry, _)| geometry)
+    }
+
+    /// The same, and the pairs of triangles that pass through each other and did not at rest.
+    pub fn with_crossings(&self, positions: &[Vector3<f64>]) -> Result<(Geometry, Vec<[u32; 2]>)> {
         let moved = self.surface.with_vertices(positions.to_vec())?;
-        let crossing = self_intersections(positions, moved.triangles());
-        let new = crossing
-            .iter()
-            .filter(|pair| !self.crossing.contains(*pair));
-        Ok(Geometry {
+        let mut crossing = self_intersections(positions, moved.triangles());
+        crossing.retain(|pair| !self.crossing.contains(pair));
+        let geometry = Geometry {
             volume_change_percent: 100.0 * (moved.signed_volume() / self.volume - 1.0),
-            crossing_pairs: new.count(),
-        })
+            crossing_pairs: crossing.len(),
+        };
+        Ok((geometry, crossing))
     }
 }
 

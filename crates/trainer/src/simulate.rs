@@ -1,6 +1,7 @@
 //! Scenes simulated without a network: muscles, shapes, held parts and loads move by keys in time, and the effects do the rest.
 
 mod files;
+mod touch;
 
 use crate::body::Body;
 use crate::dynamics::Dynamics;
@@ -19,6 +20,8 @@ use nalgebra::Vector3;
 use pd_solver::{EffectSpec, Obstacle, Parameters, SolveOptions, Status, Stop};
 use serde::Serialize;
 use std::path::{Path, PathBuf};
+pub use touch::Touch;
+use touch::Watch;
 
 /// What to simulate.
 #[derive(Debug, Clone)]
@@ -55,6 +58,8 @@ pub struct SimulatedFrame {
     /// What the surface does not keep.
     #[serde(flatten)]
     pub geometry: Geometry,
+    /// Where it touches itself or others; absent without contact.
+    pub touch: Option<Touch>,
     /// Elements with a sample turned inside out.
     pub inverted_elements: usize,
     /// Largest distance of a vertex from rest.
@@ -76,6 +81,8 @@ pub struct Variant {
     pub without: Vec<String>,
     /// Searches of contact for what is near.
     pub contact_queries: u64,
+    /// Triangles that pass through others at rest, so that contact of the surface with itself leaves them and what touches them out.
+    pub left_out: usize,
     /// All frames.
     pub frames: Vec<SimulatedFrame>,
 }
@@ -99,6 +106,18 @@ pub fn variant_line(variant: &Variant) -> String {
         frames.len(),
         crossing.unwrap_or(0)
     );
+    let touched = { frames.iter() }
+        .filter_map(|f| f.touch)
+        .map(|t| t.crossing_pairs)
+        .max();
+    if let Some(crossed) = touched {
+        line += &format!(", {crossed} where contact acts");
+        if variant.left_out > 0 {
+            let count = variant.left_out;
+            line +=
+                &format!(" (not on what touches the {count} triangles that cross others at rest)");
+        }
+    }
     if open > 0 {
         line += &format!(", {open} frames NOT CONVERGED");
     }
@@ -246,6 +265,7 @@ impl Stage {
         let mut simulator = Simulator::new(body, scene)?;
         let first = self.parameters(scene, motion, 1, &simulator);
         let measure = GeometryMeasure::new(&body.surface);
+        let watch = Watch::new(scene, body, &mut simulator.solver)?;
         let mut dynamics = None;
         if simulator.solver.time_step_length().is_some() {
             let mut start = body.mesh.nodes().to_vec();
@@ -295,6 +315,14 @@ impl Stage {
                 .as_ref()
                 .and_then(|d| simulator.solver.momenta(d.state()));
             let energy = solution.stats.energy;
+            let (geometry, crossing) = measure.with_crossings(&surface)?;
+            let touch = match &watch {
+                Some(watch) => {
+                    let nodes = &solution.positions;
+                    Some(watch.look(&mut simulator.solver, nodes, &crossing)?)
+                }
+                None => None,
+            };
             frames.push(SimulatedFrame {
                 frame,
                 time: (frame - 1) as f64 / motion.rate,
@@ -303,7 +331,8 @@ impl Stage {
                 seconds: solution.stats.seconds,
                 energy: if energy.is_finite() { energy } else { 0.0 },
                 estimated_error: solution.stats.estimated_error,
-                geometry: measure.of(&surface)?,
+                geometry,
+                touch,
                 inverted_elements: body.inverted_elements(&solution.positions),
                 moved: away.map(|(a, b)| (a - b).norm()).fold(0.0, f64::max),
                 kinetic_energy: momenta.map(|m| m.kinetic_energy),
@@ -317,6 +346,7 @@ impl Stage {
         Ok(Variant {
             without,
             contact_queries: simulator.solver.work().contact_queries,
+            left_out: watch.map_or(0, |w| w.left_out),
             frames,
         })
     }
