@@ -94,23 +94,20 @@ fn sheet(
         None => vec![true; rest.len()],
     };
     let frames = evenly(motion.frames, COLUMNS);
-    let mut drawn = Vec::new();
+    let (mut drawn, mut framed) = (Vec::new(), Vec::new());
     for variant in variants {
         for &i in &frames {
             let frame = &variant.frames[i];
-            drawn.push((label(variant, frame), draw(scene, body, frame, &shown)));
+            drawn.push((label(variant, frame), draw(scene, body, frame)));
+            let surface = frame.surface.iter().zip(&shown);
+            framed.extend(surface.filter(|(_, shown)| **shown).map(|(x, _)| *x));
         }
     }
     let (mut direction, up) = crate::sheets::view(body);
     if let Some(view) = motion.view {
         direction = view.into();
     }
-    let framed = drawn.iter().flat_map(|(_, d)| {
-        let count = d.vertices.len();
-        let own = d.colours.iter().zip(&d.vertices).take(count);
-        own.filter(|(colour, _)| **colour == CLAY).map(|(_, x)| x)
-    });
-    let camera = Camera::framing(framed, direction, up)?;
+    let camera = Camera::framing(&framed, direction, up)?;
     let mut sheet = ContactSheet::new(scene.name.clone(), camera)
         .columns(frames.len())
         .panel_width(PANEL_WIDTH);
@@ -146,17 +143,9 @@ fn label(variant: &Variant, frame: &SimulatedFrame) -> [String; 2] {
     [name, notes.join(", ")]
 }
 
-fn draw(scene: &Scene, body: &Body, frame: &SimulatedFrame, shown: &[bool]) -> Drawn {
-    // Vertices that nothing shows would still be framed.
-    let mut number = vec![u32::MAX; shown.len()];
-    let mut vertices = Vec::new();
-    for (v, _) in shown.iter().enumerate().filter(|(_, s)| **s) {
-        number[v] = vertices.len() as u32;
-        vertices.push(frame.surface[v]);
-    }
-    let own = body.surface.triangles().iter();
-    let own = own.map(|t| t.map(|v| number[v as usize]));
-    let mut triangles: Vec<[u32; 3]> = own.filter(|t| !t.contains(&u32::MAX)).collect();
+fn draw(scene: &Scene, body: &Body, frame: &SimulatedFrame) -> Drawn {
+    let mut vertices = frame.surface.clone();
+    let mut triangles = body.surface.triangles().to_vec();
     let mut colours = vec![CLAY; vertices.len()];
     let first = vertices.len() as u32;
     vertices.extend_from_slice(&frame.obstacles);

@@ -58,7 +58,9 @@ impl Watch {
         for report in solver.contact_reports(body.mesh.nodes())? {
             left_out += report.left_out.len();
             for &t in &report.left_out {
-                triangles[t as usize].map(|v| vertices[v as usize] = true);
+                for v in triangles[t as usize] {
+                    vertices[v as usize] = true;
+                }
             }
         }
         for (watched, triangle) in watched.iter_mut().zip(triangles) {
