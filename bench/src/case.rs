@@ -12,9 +12,9 @@ use std::time::Instant;
 use surface_mesh::read_surface;
 
 /// Edge of an element of the box, in metres.
-const EDGE: f64 = 0.01;
+pub const EDGE: f64 = 0.01;
 /// Energy per volume for a unit misfit, the scale at which other codes report the energy of the box.
-const STIFFNESS: f64 = 344_827.586;
+pub const STIFFNESS: f64 = 344_827.586;
 /// Share of the longest axis below which a body is held.
 const HELD_SHARE: f64 = 0.1;
 

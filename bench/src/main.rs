@@ -6,6 +6,7 @@ mod commands;
 mod error;
 mod files;
 mod lanes;
+mod lists;
 mod measure;
 mod options;
 mod system;
@@ -13,7 +14,7 @@ mod table;
 mod timing;
 
 use clap::{Parser, Subcommand};
-use commands::{body, kernels, methods, roofline, solid_box, threads, warm};
+use commands::{body, effects, kernels, methods, roofline, solid_box, threads, warm};
 use std::process::ExitCode;
 
 /// Measures solves, kernels and the machine. Timings are medians of wall-clock seconds; every command writes --json FILE.
@@ -41,6 +42,8 @@ enum Command {
     Kernels(kernels::KernelsArgs),
     /// A solve that starts from the equilibrium of a slightly different actuation, beside one from rest.
     Warm(warm::WarmArgs),
+    /// What each effect costs on the reference box, alone and all together, beside none.
+    Effects(effects::EffectsArgs),
     /// The reference box on one thread and on more.
     Threads(threads::ThreadsArgs),
     /// What the machine can do at best: bytes read and multiply-adds per second.
@@ -57,6 +60,7 @@ fn main() -> ExitCode {
         Command::Methods(args) => methods::run(&args),
         Command::Kernels(args) => kernels::run(&args),
         Command::Warm(args) => warm::run(&args),
+        Command::Effects(args) => effects::run(&args),
         Command::Threads(args) => threads::run(&args),
         Command::Roofline(args) => roofline::run(&args),
     };

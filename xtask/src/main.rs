@@ -37,7 +37,7 @@ cargo xtask COMMAND
   coverage [ARGS]
                  run all tests and tell how many lines of each crate they run (arguments go to cargo llvm-cov)
   bench [ARGS]   run all benches of the crates (arguments begin with - and go to cargo bench)
-  bench box|body|methods|kernels|warm|threads|roofline [...]
+  bench box|body|methods|kernels|warm|effects|threads|roofline [...]
                  measure whole solves, kernels and the machine
   faults [--kills N] [--seed S]
                  end trainings by kill -9, full disks and the like at random moments; each is resumed and has to end with the same bytes

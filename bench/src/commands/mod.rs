@@ -1,6 +1,7 @@
 //! One file per command.
 
 pub mod body;
+pub mod effects;
 pub mod kernels;
 pub mod methods;
 pub mod roofline;

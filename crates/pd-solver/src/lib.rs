@@ -26,6 +26,8 @@ mod activation;
 mod adjoint;
 mod approach;
 mod assembly;
+#[doc(hidden)]
+pub mod bench_support;
 mod constant;
 mod effects;
 mod error;

@@ -83,8 +83,14 @@ impl Problem {
             elastic_stiffness * mesh.element_size(),
             mesh.nodes(),
         );
+        let fields = [
+            stiffness.as_ref(),
+            activation.as_ref(),
+            inertia.as_ref().map(|i| &i.masses),
+        ];
+        let of_fields = fields.into_iter().flatten().map(|f| size_of_val(&f[..]));
         let work = Work {
-            effect_bytes: effects.iter().map(|e| e.bytes()).sum(),
+            effect_bytes: effects.iter().map(|e| e.bytes()).chain(of_fields).sum(),
             ..Work::default()
         };
         Ok(Self {

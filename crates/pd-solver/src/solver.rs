@@ -148,6 +148,10 @@ impl Solver {
         &self.problem
     }
 
+    pub(crate) fn problem_mut(&mut self) -> &mut Problem {
+        &mut self.problem
+    }
+
     /// The free nodes, by rising index.
     pub fn free(&self) -> &[u32] {
         &self.free

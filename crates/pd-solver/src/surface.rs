@@ -4,6 +4,7 @@ use crate::error::SolverError;
 use crate::spec::inside;
 use hex_mesh::{EmbeddedPoint, HexMesh, NodeRegion};
 use nalgebra::Vector3;
+use std::collections::BTreeMap;
 
 /// A surface of triangles whose vertices are points inside elements (or near them), and move as those do.
 #[derive(Debug, Clone, PartialEq)]
@@ -14,7 +15,50 @@ pub struct EmbeddedSurface {
     pub triangles: Vec<[u32; 3]>,
 }
 
+/// Corners of the faces of an element, x slowest; each counter-clockwise from outside.
+const FACES: [[usize; 4]; 6] = [
+    [0, 1, 3, 2],
+    [4, 6, 7, 5],
+    [0, 4, 5, 1],
+    [2, 3, 7, 6],
+    [0, 2, 6, 4],
+    [1, 5, 7, 3],
+];
+
 impl EmbeddedSurface {
+    /// The boundary of a mesh, two triangles for each face that one element has for itself, with a vertex at each of their nodes: for bodies that
+    /// were made of cells and have no surface of their own.
+    pub fn boundary(mesh: &HexMesh) -> Self {
+        let mut faces: BTreeMap<[u32; 4], ([u32; 4], usize)> = BTreeMap::new();
+        let mut carrier = vec![None; mesh.nodes().len()];
+        for (element, nodes) in mesh.elements().iter().enumerate() {
+            for face in FACES {
+                let face = face.map(|c| nodes[c]);
+                let mut key = face;
+                key.sort_unstable();
+                faces.entry(key).or_insert((face, 0)).1 += 1;
+            }
+            for (corner, &n) in nodes.iter().enumerate() {
+                carrier[n as usize] = Some((element as u32, corner));
+            }
+        }
+        let mut vertex = BTreeMap::new();
+        let (mut points, mut triangles) = (Vec::new(), Vec::new());
+        for (face, _) in faces.into_values().filter(|(_, count)| *count == 1) {
+            let [a, b, c, d] = face.map(|node| {
+                *vertex.entry(node).or_insert_with(|| {
+                    let (element, corner) = carrier[node as usize].expect("of an element");
+                    let mut weights = [0.0; 8];
+                    weights[corner] = 1.0;
+                    points.push(EmbeddedPoint { element, weights });
+                    points.len() as u32 - 1
+                })
+            });
+            triangles.extend([[a, b, c], [a, c, d]]);
+        }
+        Self { points, triangles }
+    }
+
     /// Positions of the vertices for positions of the nodes of `mesh`.
     pub(crate) fn positions(&self, mesh: &HexMesh, u: &[Vector3<f64>]) -> Vec<Vector3<f64>> {
         let of = |point: &EmbeddedPoint| {

@@ -2,7 +2,7 @@
 
 use hex_mesh::{HexMesh, Quadrature};
 use nalgebra::Vector3;
-use pd_solver::{EffectSpec, Method, NodeSet, Parameters, Solver};
+use pd_solver::{EffectSpec, EmbeddedSurface, Method, NodeSet, Parameters, Solver};
 
 /// All methods, each by itself.
 pub const METHODS: [Method; 5] = [
@@ -50,6 +50,16 @@ impl Body {
     /// When the case itself is wrong.
     pub fn new(mesh: HexMesh, effects: &[EffectSpec]) -> Self {
         let solver = Solver::new(&mesh, effects).expect("a valid case");
+        Self { mesh, solver }
+    }
+
+    /// A body under its effects, some of which act on its boundary.
+    ///
+    /// # Panics
+    /// When the case itself is wrong.
+    pub fn on_boundary(mesh: HexMesh, effects: &[EffectSpec]) -> Self {
+        let surface = EmbeddedSurface::boundary(&mesh);
+        let solver = Solver::on_surface(&mesh, &surface, effects).expect("a valid case");
         Self { mesh, solver }
     }
 

@@ -13,6 +13,8 @@ pub enum Section {
     Actuations,
     /// What it is made of.
     Bodies,
+    /// What acts on it beside its own elasticity.
+    Effects,
     /// Gradients.
     Adjoints,
     /// Many calls.
@@ -21,11 +23,12 @@ pub enum Section {
 
 impl Section {
     /// All of them, in order.
-    pub const ALL: [Section; 6] = [
+    pub const ALL: [Section; 7] = [
         Section::Samples,
         Section::Starts,
         Section::Actuations,
         Section::Bodies,
+        Section::Effects,
         Section::Adjoints,
         Section::LongRuns,
     ];
@@ -37,6 +40,7 @@ impl Section {
             Section::Starts => "Starts",
             Section::Actuations => "Actuations",
             Section::Bodies => "Bodies",
+            Section::Effects => "Effects",
             Section::Adjoints => "Adjoints",
             Section::LongRuns => "Long runs",
         }

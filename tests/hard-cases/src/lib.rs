@@ -10,6 +10,7 @@ mod bodies;
 mod body;
 mod case;
 mod check;
+mod effects;
 mod long;
 mod samples;
 mod starts;
@@ -25,6 +26,7 @@ pub fn catalogue() -> Vec<Case> {
         starts::cases(),
         actuations::cases(),
         bodies::cases(),
+        effects::cases(),
         adjoints::cases(),
         long::cases(),
     ]

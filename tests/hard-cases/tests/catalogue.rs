@@ -34,6 +34,11 @@ fn bodies_that_hardly_hang_together_are_solved() {
 }
 
 #[test]
+fn effects_at_their_worst_are_solved() {
+    holds(Section::Effects);
+}
+
+#[test]
 fn gradients_are_right_or_come_with_a_warning() {
     holds(Section::Adjoints);
 }

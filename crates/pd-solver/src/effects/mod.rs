@@ -19,6 +19,7 @@ use crate::parameters::Parameters;
 use crate::vector::NodalVector;
 pub(crate) use build::{Batches, Stepping, build};
 pub use contact::ContactReport;
+pub(crate) use elasticity::Elasticity;
 pub use elasticity::deformation_gradients;
 use nalgebra::Vector3;
 

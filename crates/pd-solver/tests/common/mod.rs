@@ -1,10 +1,9 @@
 //! What the tests of this crate share: small bodies, reproducible numbers, finite differences.
 #![allow(dead_code)] // Each test program uses its own part.
 
-use hex_mesh::{EmbeddedPoint, HexMesh, Quadrature};
+use hex_mesh::{HexMesh, Quadrature};
 use nalgebra::Vector3;
 use pd_solver::{EffectSpec, EmbeddedSurface, NodeSet, SolveOptions, Solver, Stop};
-use std::collections::BTreeMap;
 
 /// Reproducible numbers in [-1, 1] (SplitMix64).
 pub struct Numbers(u64);
@@ -92,45 +91,5 @@ pub fn max_distance(a: &[Vector3<f64>], b: &[Vector3<f64>]) -> f64 {
 
 /// The boundary of a mesh as triangles, counter-clockwise seen from outside, with a vertex at each of its nodes.
 pub fn boundary(mesh: &HexMesh) -> EmbeddedSurface {
-    // Corners of the faces, x slowest; each counter-clockwise from outside.
-    const FACES: [[usize; 4]; 6] = [
-        [0, 1, 3, 2],
-        [4, 6, 7, 5],
-        [0, 4, 5, 1],
-        [2, 3, 7, 6],
-        [0, 2, 6, 4],
-        [1, 5, 7, 3],
-    ];
-    let mut faces: BTreeMap<[u32; 4], ([u32; 4], usize)> = BTreeMap::new();
-    for nodes in mesh.elements() {
-        for face in FACES {
-            let face = face.map(|c| nodes[c]);
-            let mut key = face;
-            key.sort_unstable();
-            faces.entry(key).or_insert((face, 0)).1 += 1;
-        }
-    }
-    let mut vertex = BTreeMap::new();
-    let mut points = Vec::new();
-    let mut triangles = Vec::new();
-    let mut carrier = vec![None; mesh.nodes().len()];
-    for (element, nodes) in mesh.elements().iter().enumerate() {
-        for (corner, &n) in nodes.iter().enumerate() {
-            carrier[n as usize] = Some((element as u32, corner));
-        }
-    }
-    for (face, _) in faces.into_values().filter(|(_, count)| *count == 1) {
-        let corners = face.map(|node| {
-            *vertex.entry(node).or_insert_with(|| {
-                let (element, corner) = carrier[node as usize].expect("a node has an element");
-                let mut weights = [0.0; 8];
-                weights[corner] = 1.0;
-                points.push(EmbeddedPoint { element, weights });
-                points.len() as u32 - 1
-            })
-        });
-        let [a, b, c, d] = corners;
-        triangles.extend([[a, b, c], [a, c, d]]);
-    }
-    EmbeddedSurface { points, triangles }
+    EmbeddedSurface::boundary(mesh)
 }
