@@ -25,6 +25,9 @@ const POSITION_ROUNDOFF: f64 = 2e-16;
 /// Share of a gradient that is roundoff once motions as a whole are taken out of it.
 const CONSISTENT: f64 = 1e-13;
 
+/// How many times farther than rest and held nodes a body has to be to count as blown away.
+const AWAY: f64 = 1e9;
+
 /// Everything the methods need to know of a body.
 pub(crate) struct Problem {
     effects: Vec<Box<dyn Effect>>,
@@ -379,6 +382,14 @@ impl Problem {
         let of_positions = POSITION_ROUNDOFF * held.fold(max_norm(&self.rest), f64::max);
         let length = (1e-15 * self.element_size).max(of_positions);
         length * stiffest * (self.len() as f64).sqrt()
+    }
+
+    /// Whether the energy falls without end, as under a pressure that no wall can bear, and `u` is how far that went: a stall there is no place where
+    /// floating point tells no more, but the end of its range.
+    pub(crate) fn ran_away(&self, u: &[Vector3<f64>]) -> bool {
+        let held = self.prescribed.iter().map(|&n| u[n as usize].norm());
+        let proportion = held.fold(max_norm(&self.rest), f64::max);
+        !self.is_bounded() && max_norm(u) > AWAY * proportion
     }
 
     /// Searches of contact for what is near so far.

@@ -14,7 +14,8 @@ pub enum Status {
     IterationLimit,
     /// No step lowers the energy any more, and the stopping rule asks for more than floating point can tell.
     Stalled,
-    /// The energy or its gradient is not finite at the start.
+    /// The energy or its gradient is not finite at the start, or the energy falls without end, as under a pressure that no wall can bear: the
+    /// positions are finite, and out of all proportion.
     NotFinite,
 }
 

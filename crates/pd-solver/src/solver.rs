@@ -458,6 +458,10 @@ impl Solver {
             self.measure(method, u, target, limit, &mut outcome);
         }
         self.problem.align_floating(u);
+        let overflowed = !(outcome.energy.is_finite() && outcome.gradient_norm.is_finite());
+        if overflowed || (outcome.status == Status::Stalled && self.problem.ran_away(u)) {
+            outcome.status = Status::NotFinite;
+        }
         let stats = SolveStats {
             iterations: outcome.iterations,
             coarse_iterations,

@@ -241,6 +241,32 @@ fn a_blown_up_ball_widens_as_the_textbook_says() {
     }
 }
 
+/// A pressure that no wall can bear: volume grows by the cube and elastic energy by the square of a length, so there is no equilibrium, and no
+/// status may claim one.
+#[test]
+fn a_ball_that_bursts_has_no_equilibrium() {
+    let mesh = hollow_ball(0.6, 1.0, 0.2);
+    let surface = boundary(&mesh);
+    let pressure = EffectSpec::Pressure {
+        region: Some(NodeRegion::Sphere {
+            center: [0.0; 3],
+            radius: 0.75,
+        }),
+        capped: true,
+        pressure: 1e3,
+    };
+    let effects = [elasticity(), EffectSpec::Floating {}, pressure];
+    let mut solver = Solver::on_surface(&mesh, &surface, &effects).unwrap();
+    let parameters = solver.rest_parameters();
+    for method in [Method::Lbfgs, Method::Multigrid, Method::Newton] {
+        let options = SolveOptions::new(Stop::Accuracy(1e-6)).with_method(method);
+        let solution = solver.solve(&parameters, None, &options).unwrap();
+        assert_eq!(solution.status, Status::NotFinite, "{method:?}");
+        let mut numbers = solution.positions.iter().flatten();
+        assert!(numbers.all(|x| x.is_finite()), "{method:?}");
+    }
+}
+
 fn at(mesh: &HexMesh, point: &EmbeddedPoint, u: &[Vector3<f64>]) -> Vector3<f64> {
     let corners = mesh.elements()[point.element as usize].iter();
     corners

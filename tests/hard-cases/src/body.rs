@@ -29,6 +29,8 @@ pub fn name(method: Method) -> &'static str {
 pub struct Body {
     pub mesh: HexMesh,
     pub solver: Solver,
+    /// The largest stiffness in it: what roundoff of a gradient goes by.
+    pub stiffest: f64,
 }
 
 /// The elasticity that every body has.
@@ -50,7 +52,11 @@ impl Body {
     /// When the case itself is wrong.
     pub fn new(mesh: HexMesh, effects: &[EffectSpec]) -> Self {
         let solver = Solver::new(&mesh, effects).expect("a valid case");
-        Self { mesh, solver }
+        Self {
+            mesh,
+            solver,
+            stiffest: 1.0,
+        }
     }
 
     /// A body under its effects, some of which act on its boundary.
@@ -60,7 +66,11 @@ impl Body {
     pub fn on_boundary(mesh: HexMesh, effects: &[EffectSpec]) -> Self {
         let surface = EmbeddedSurface::boundary(&mesh);
         let solver = Solver::on_surface(&mesh, &surface, effects).expect("a valid case");
-        Self { mesh, solver }
+        Self {
+            mesh,
+            solver,
+            stiffest: 1.0,
+        }
     }
 
     /// A solid box of cubes, its face at x = 0 held.

@@ -80,7 +80,8 @@ pub fn checked_solve(
     if let (Status::Converged, Stop::RelativeGradient(asked), Some(rest)) =
         (solution.status, options.stop, stats.gradient_norm_rest)
     {
-        let floor = 1e-13 * body.mesh.element_size() * (body.mesh.nodes().len() as f64).sqrt();
+        let size = body.mesh.element_size() * (body.mesh.nodes().len() as f64).sqrt();
+        let floor = 1e-13 * body.stiffest * size;
         finding.require(norm <= asked * rest * (1.0 + 1e-9) + floor, || {
             format!("{method}: converged with a gradient of {norm}, asked {asked} of {rest}")
         });
