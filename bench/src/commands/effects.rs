@@ -4,7 +4,7 @@ use crate::case::{Case, EDGE, STIFFNESS, random_cotangent};
 use crate::error::Result;
 use crate::files::{check_writable, write_json};
 use crate::lists::{List, lists};
-use crate::options::{RepeatArgs, parse_cells, parse_positive, use_threads};
+use crate::options::{Name, RepeatArgs, parse_cells, parse_method, parse_positive, use_threads};
 use crate::system;
 use crate::table::{name, print, row, say, seconds};
 use crate::timing::{median, timed};
@@ -31,6 +31,9 @@ pub struct EffectsArgs {
     /// How near its final place each node has to be, in edges of an element.
     #[arg(long, value_name = "X", default_value_t = 1e-3, allow_hyphen_values = true, value_parser = parse_positive)]
     accuracy: f64,
+    /// Method of the solves; the solver's default unless given.
+    #[arg(long, value_name = "M", default_value_t = Name::default(), value_parser = parse_method)]
+    method: Name,
     /// Relative residual of the adjoint's linear solve.
     #[arg(long, value_name = "T", default_value_t = 1e-6, allow_hyphen_values = true, value_parser = parse_positive)]
     adjoint_tolerance: f64,
@@ -48,7 +51,7 @@ struct Measured {
     solve_s: f64,
     evaluation_s: f64,
     adjoint_s: f64,
-    /// The same over those of the list `none`.
+    /// Medians of the same over those of the list `none`, each measured right before.
     ratios: Ratios,
     method: Method,
     iterations: usize,
@@ -94,7 +97,10 @@ struct Dispatch {
     listed_s: f64,
     /// Median seconds of the same kernel with nothing around it.
     alone_s: f64,
+    /// Ratio of those.
     ratio: f64,
+    /// Median of the ratios of the pairs, which other programs on the machine disturb less.
+    paired_ratio: f64,
     pairs: usize,
 }
 
@@ -122,10 +128,33 @@ struct Running {
     solution: Solution,
     adjoint: Adjoint,
     counts: Counts,
-    setup: Vec<f64>,
-    solve: Vec<f64>,
-    evaluation: Vec<f64>,
-    back: Vec<f64>,
+    /// Seconds of setup, solve, evaluation and adjoint, round by round.
+    times: Vec<[f64; 4]>,
+    /// The same of the list without effects, measured right before.
+    references: Vec<[f64; 4]>,
+}
+
+impl Running {
+    /// Seconds of one evaluation at the solution, in the thread pool as in a solve.
+    fn evaluation(&mut self) -> f64 {
+        let (solver, u) = (&mut self.solver, &self.solution.positions);
+        let mut gradient = vec![Vector3::zeros(); u.len()];
+        rayon::scope(|_| timed(|| evaluate(solver, u, &mut gradient)).0)
+    }
+
+    fn all(&self, of: usize) -> Vec<f64> {
+        self.times.iter().map(|t| t[of]).collect()
+    }
+
+    /// Median over the rounds of the ratio to the list without effects.
+    fn ratio(&self, of: usize) -> f64 {
+        let pairs = self.times.iter().zip(&self.references);
+        median(
+            &pairs
+                .map(|(own, none)| own[of] / none[of])
+                .collect::<Vec<_>>(),
+        )
+    }
 }
 
 /// What all lists are measured with.
@@ -149,7 +178,7 @@ pub fn run(args: &EffectsArgs) -> Result<bool> {
     let bench = Bench {
         case: &case,
         surface: EmbeddedSurface::boundary(&case.mesh),
-        forward: SolveOptions::new(Stop::Accuracy(args.accuracy * EDGE)),
+        forward: SolveOptions::new(Stop::Accuracy(args.accuracy * EDGE)).with_method(args.method.0),
         backward: AdjointOptions {
             tolerance: args.adjoint_tolerance,
             ..AdjointOptions::default()
@@ -170,8 +199,10 @@ pub fn run(args: &EffectsArgs) -> Result<bool> {
     while rounds == 0
         || (rounds < args.repeat.runs && clock.elapsed().as_secs_f64() < args.repeat.budget)
     {
-        for list in &mut running {
-            bench.round(list)?;
+        let (none, others) = running.split_first_mut().expect("the list `none`");
+        bench.round(none, None)?;
+        for list in others {
+            bench.round(none, Some(list))?;
         }
         rounds += 1;
         eprintln!(
@@ -239,38 +270,54 @@ impl Bench<'_> {
             parameters,
             solution,
             adjoint: Adjoint::default(),
-            setup: Vec::new(),
-            solve: Vec::new(),
-            evaluation: Vec::new(),
-            back: Vec::new(),
+            times: Vec::new(),
+            references: Vec::new(),
         })
     }
 
-    fn round(&self, r: &mut Running) -> Result<()> {
-        let (time, built) = timed(|| self.build(&r.list));
+    /// Measures a list right after the one without effects, which the ratios are taken with: the machine's speed drifts.
+    fn round(&self, none: &mut Running, own: Option<&mut Running>) -> Result<()> {
+        let reference = self.once(none)?;
+        match own {
+            Some(own) => {
+                let mut times = self.once(own)?;
+                // Single evaluations are short enough to take turns.
+                let mut pairs = (Vec::new(), Vec::new());
+                for _ in 0..EVALUATIONS {
+                    pairs.0.push(none.evaluation());
+                    pairs.1.push(own.evaluation());
+                }
+                times[2] = median(&pairs.1);
+                let mut reference = reference;
+                reference[2] = median(&pairs.0);
+                own.times.push(times);
+                own.references.push(reference);
+            }
+            None => {
+                none.times.push(reference);
+                none.references.push(reference);
+            }
+        }
+        Ok(())
+    }
+
+    /// Seconds of setup, solve, evaluation and adjoint, once each.
+    fn once(&self, r: &mut Running) -> Result<[f64; 4]> {
+        let (setup, built) = timed(|| self.build(&r.list));
         drop(built?);
-        r.setup.push(time);
         let (solver, parameters) = (&mut r.solver, &r.parameters);
-        let (time, done) =
+        let (solve, done) =
             timed(|| solver.solve_into(parameters, None, &self.forward, &mut r.solution));
         done?;
-        r.solve.push(time);
-        let u = &r.solution.positions;
-        let mut gradient = vec![Vector3::zeros(); u.len()];
-        // In the thread pool, as in a solve.
-        let times: Vec<f64> = rayon::scope(|_| {
-            let once = |_| timed(|| evaluate(solver, u, &mut gradient)).0;
-            (0..EVALUATIONS).map(once).collect()
-        });
-        r.evaluation.push(median(&times));
-        let cotangent = random_cotangent(u.len(), solver.prescribed(), 1);
-        let (solution, options) = (&r.solution, &self.backward);
-        let (time, done) = timed(|| {
+        let solution = &r.solution;
+        let nodes = solution.positions.len();
+        let cotangent = random_cotangent(nodes, solver.prescribed(), 1);
+        let options = &self.backward;
+        let (adjoint, done) = timed(|| {
             solver.adjoint_into(parameters, solution, &cotangent, options, &mut r.adjoint)
         });
         done?;
-        r.back.push(time);
-        Ok(())
+        Ok([setup, solve, r.evaluation(), adjoint])
     }
 
     /// The list without effects and elasticity without a list, one evaluation of each in turn.
@@ -294,8 +341,11 @@ impl Bench<'_> {
             }
         });
         assert_eq!(by_list, by_loop, "both do the same work");
+        let pairs: Vec<f64> = listed_s.iter().zip(&alone_s).map(|(l, a)| l / a).collect();
+        let paired_ratio = median(&pairs);
         let (listed_s, alone_s) = (median(&listed_s), median(&alone_s));
         Ok(Dispatch {
+            paired_ratio,
             listed_s,
             alone_s,
             ratio: listed_s / alone_s,
@@ -305,19 +355,17 @@ impl Bench<'_> {
 }
 
 fn measured(running: Vec<Running>) -> Vec<Measured> {
-    let medians = |r: &Running| [&r.setup, &r.solve, &r.evaluation, &r.back].map(|all| median(all));
-    let none = medians(&running[0]);
     let finish = |r: Running| {
-        let own = medians(&r);
-        let [setup_s, solve_s, evaluation_s, adjoint_s] = own;
-        let [setup, solve, evaluation, adjoint] = [0, 1, 2, 3].map(|i| own[i] / none[i]);
+        let [all_setup_s, all_solve_s, all_evaluation_s, all_adjoint_s] =
+            [0, 1, 2, 3].map(|of| r.all(of));
+        let [setup, solve, evaluation, adjoint] = [0, 1, 2, 3].map(|of| r.ratio(of));
         Measured {
             list: r.list.name,
             time_step: r.list.is_time_step(),
-            setup_s,
-            solve_s,
-            evaluation_s,
-            adjoint_s,
+            setup_s: median(&all_setup_s),
+            solve_s: median(&all_solve_s),
+            evaluation_s: median(&all_evaluation_s),
+            adjoint_s: median(&all_adjoint_s),
             ratios: Ratios {
                 setup,
                 solve,
@@ -330,10 +378,10 @@ fn measured(running: Vec<Running>) -> Vec<Measured> {
             status: r.solution.status,
             adjoint_status: r.adjoint.status,
             counts: r.counts,
-            all_setup_s: r.setup,
-            all_solve_s: r.solve,
-            all_evaluation_s: r.evaluation,
-            all_adjoint_s: r.back,
+            all_setup_s,
+            all_solve_s,
+            all_evaluation_s,
+            all_adjoint_s,
         }
     };
     running.into_iter().map(finish).collect()
@@ -403,13 +451,15 @@ fn print_report(report: &Report) {
     let d = &report.dispatch;
     say(&format!(
         "\nlists with inertia solve one step in time from rest; all else an equilibrium, to {} of an edge; medians of {} rounds\n\
-         one evaluation with no optional effect: {} s, {:.4} of a loop for elasticity alone ({} s), medians of {} pairs\n",
+         one evaluation with no optional effect: {} s, {:.4} of a loop for elasticity alone ({} s), medians of {} pairs; \
+         median of their ratios {:.4}\n",
         report.accuracy_in_edges,
         report.rounds,
         seconds(d.listed_s),
         d.ratio,
         seconds(d.alone_s),
         d.pairs,
+        d.paired_ratio,
     ));
     for (list, why) in &report.refused {
         say(&format!("{list}: not measured: {why}\n"));
