@@ -1,6 +1,7 @@
 //! Effects beside elasticity, where they are at their worst.
 
 mod cavities;
+mod contact;
 mod motion;
 mod volume;
 
@@ -14,7 +15,7 @@ use pd_solver::{
 };
 
 pub fn cases() -> Vec<Case> {
-    let all: [Entry; 14] = [
+    let all: [Entry; 17] = [
         (
             "cavity nearly closed",
             "an opening of one cell: refused, and told where, unless it is capped; capped, it holds the volume of a closed one and pushes nowhere",
@@ -84,6 +85,21 @@ pub fn cases() -> Vec<Case> {
             "huge viscosity, flying",
             "the same in free flight, turning: strain stays (midpoint, which goes on in a straight line, but for its order), linear momentum too",
             |_| motion::viscous(true),
+        ),
+        (
+            "contact at first touch",
+            "a face that stands exactly where the barrier begins: nothing is felt, and not a bit changes",
+            |_| contact::first_touch(),
+        ),
+        (
+            "contact from deep",
+            "a face a thousandth of the barrier's distance over the floor, and weight: it is pushed off, and nothing passes",
+            |_| contact::deep_start(),
+        ),
+        (
+            "contact from behind",
+            "a start that stands in the floor: refused, and told where",
+            |_| contact::through_the_floor(),
         ),
     ];
     all.into_iter()
