@@ -46,7 +46,7 @@ pub fn lists(case: &Case) -> Vec<List> {
         (
             "springs",
             EffectSpec::Springs {
-                points: SpringPoints::Nodes(NodeSet::Region(end.clone())),
+                points: SpringPoints::Nodes(NodeSet::Region(end)),
                 stiffness: 0.1 * STIFFNESS * EDGE,
             },
         ),
@@ -60,7 +60,7 @@ pub fn lists(case: &Case) -> Vec<List> {
         (
             "stiffness",
             EffectSpec::Stiffness {
-                elements: ElementSet::Region(far_half.clone()),
+                elements: ElementSet::Region(far_half),
                 factor: 10.0,
             },
         ),

@@ -21,7 +21,8 @@ fn hollow(open: bool) -> HexMesh {
         for y in 0..5 {
             for z in 0..5 {
                 let inside = [x, y, z].iter().all(|i| (1..4).contains(i));
-                if !inside && !(open && [x, y, z] == [4, 2, 2]) {
+                let left_out = open && [x, y, z] == [4, 2, 2];
+                if !(inside || left_out) {
                     cells.push([x, y, z]);
                 }
             }
