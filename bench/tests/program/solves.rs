@@ -1,4 +1,4 @@
-//! What `box`, `body`, `methods`, `warm` and `threads` write: complete, in agreement with one another, and with another code
+//! What `box`, `body`, `methods`, `warm`, `effects` and `threads` write: complete, in agreement with one another, and with another code
 //! for the same box.
 
 use crate::common::{Place, number, numbers, run};
@@ -209,6 +209,23 @@ fn a_warm_start_needs_fewer_iterations() {
     let share = number(&r, "warm_s") / number(&r, "cold_s");
     near(number(&r, "share"), share, 1e-9 * share);
     assert_eq!(numbers(&r, "all_warm_s").len(), 2);
+}
+
+#[test]
+fn every_effect_is_measured_beside_none() {
+    let r = Place::new().measure("effects --cells 6,3,3 --runs 2");
+    let lists = r["lists"].as_array().unwrap();
+    assert_eq!(lists[0]["list"], "none");
+    let refused = r["refused"].as_array().unwrap().len();
+    assert_eq!(lists.len() + refused, 14);
+    for list in lists {
+        assert_eq!(list["status"], "converged", "{list}");
+        assert_eq!(numbers(list, "all_solve_s").len(), 2);
+        assert!(number(&list["ratios"], "evaluation") > 0.0);
+        let bytes = number(&list["counts"], "effect_bytes");
+        assert!(bytes >= number(&lists[0]["counts"], "effect_bytes"));
+    }
+    assert!(number(&r["dispatch"], "paired_ratio") > 0.0);
 }
 
 #[test]
