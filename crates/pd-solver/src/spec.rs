@@ -88,7 +88,7 @@ pub enum EffectSpec {
         /// Force per area across the wind.
         pressure: [f64; 3],
     },
-    /// Inertia: every solve is one step in time, from [`Parameters::inertia`]. See [`Motion`](crate::Motion).
+    /// Inertia: every solve is one step in time, from [`Parameters::inertia`](crate::Parameters::inertia). See [`Motion`](crate::Motion).
     Inertia {
         /// Mass per rest volume.
         density: f64,
@@ -142,7 +142,7 @@ pub enum Obstacle {
         /// `normal . x` of the points on the plane.
         offset: f64,
     },
-    /// A surface of triangles, closed or not; its vertices are in [`Parameters::obstacles`] and may move from solve to solve.
+    /// A surface of triangles, closed or not; its vertices are in [`Parameters::obstacles`](crate::Parameters::obstacles) and may move from solve to solve.
     Surface {
         /// Vertices where it stands at rest.
         vertices: Vec<[f64; 3]>,
