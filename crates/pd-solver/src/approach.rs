@@ -1,7 +1,7 @@
 //! The walk of prescribed nodes and obstacles to where a solve wants them, where contact forbids to put them there at once.
 //!
-//! They go straight, all by the same share of the way that is left: as far as nothing is passed through, with a part kept in hand. Then the free
-//! nodes give way by a few steps of Newton's method, and what is pushed makes room for the next share.
+//! They go straight, all by the same share of the way that is left: as far as nothing is passed through, with a part kept in hand. The free nodes
+//! go on as they went before where that gives a larger share, and then give way by a few steps of Newton's method, which makes room for the next.
 
 use crate::Solver;
 use crate::error::SolverError;
@@ -17,10 +17,12 @@ use nalgebra::Vector3;
 
 /// Share of what may be gone that is gone.
 const RESERVE: f64 = 0.8;
-/// Newton steps between two shares of the way.
-const RELAX: usize = 4;
-/// Free nodes that are nearer than this to their equilibrium, in edges of an element, have given way.
-const RELAXED: f64 = 0.01;
+/// Newton steps between two shares of the way, at most.
+const RELAX: usize = 8;
+/// Share of the gradient after an advance below which the free nodes have given way.
+const RELAXED: f64 = 0.05;
+/// An advance goes at most this many times as far as the one before.
+const GROWTH: f64 = 3.0;
 /// Shares of the way at most.
 const MAX_SHARES: usize = 2000;
 /// A share of what is left that gets nowhere, and how many of those in a row end the walk.
@@ -29,7 +31,7 @@ const MAX_NOWHERE: usize = 10;
 
 /// How a walk ended.
 pub(crate) struct Walk {
-    arrived: bool,
+    pub(crate) arrived: bool,
     iterations: usize,
 }
 
@@ -86,11 +88,15 @@ impl Solver {
             iterations: 0,
         };
         let mut nowhere = 0;
+        let mut before: Option<(NodalVector, f64)> = None;
         for _ in 0..MAX_SHARES {
             if walk.arrived || nowhere == MAX_NOWHERE || walk.iterations >= options.max_iterations {
                 break;
             }
-            let share = self.advance(parameters, u, &mut obstacles);
+            let last = before.as_ref().map(|(u, share)| (&u[..], *share));
+            let here = u.clone();
+            let share = self.advance(parameters, u, &mut obstacles, last);
+            before = Some((here, share));
             walk.arrived = share == 1.0;
             nowhere = if share < NOWHERE { nowhere + 1 } else { 0 };
             if !walk.arrived {
@@ -140,24 +146,44 @@ impl Solver {
         Err(first.expect("there is a place to begin at"))
     }
 
-    /// Goes as large a share of what is left of the way as is free, and returns it.
+    /// Goes as large a share of what is left of the way as is free, and returns it. `before` is where the free nodes were before the last
+    /// advance, and the share that it took.
     fn advance(
         &mut self,
         parameters: &Parameters,
         u: &mut NodalVector,
         obstacles: &mut NodalVector,
+        before: Option<(&[Vector3<f64>], f64)>,
     ) -> f64 {
         let problem = &mut self.problem;
+        let wanted = &parameters.obstacles;
+        let limit_to = |problem: &mut Problem, ends: &[Vector3<f64>]| {
+            let limits = problem.contacts().map(|c| c.motion_limit(u, ends, wanted));
+            limits.fold(1.0, f64::min)
+        };
         let mut ends = u.clone();
         problem.impose(parameters, &mut ends);
-        let wanted = &parameters.obstacles;
-        let limits = problem.contacts().map(|c| c.motion_limit(u, &ends, wanted));
-        let limit = limits.fold(1.0, f64::min);
-        let share = if limit < 1.0 { RESERVE * limit } else { 1.0 };
-        for &node in &problem.prescribed {
-            let node = node as usize;
-            let way = ends[node] - u[node];
-            u[node] += way * share;
+        let mut limit = limit_to(problem, &ends);
+        let mut longest = 1.0;
+        if let Some((before, share)) = before.filter(|_| limit < 1.0) {
+            // The way that is left, in lengths of the last advance.
+            let left = (1.0 - share) / share;
+            longest = (GROWTH / left).min(1.0);
+            let mut further = u.clone();
+            let ways = u.iter().zip(before).map(|(u, before)| (u - before) * left);
+            further.iter_mut().zip(ways).for_each(|(x, way)| *x += way);
+            problem.impose(parameters, &mut further);
+            let of_further = limit_to(problem, &further);
+            if of_further > limit {
+                (limit, ends) = (of_further, further);
+            }
+        }
+        let share = match limit < 1.0 || longest < 1.0 {
+            true => longest.min(RESERVE * limit),
+            false => 1.0,
+        };
+        for (x, end) in u.iter_mut().zip(&ends) {
+            *x += (end - *x) * share;
         }
         for (x, end) in obstacles.iter_mut().zip(wanted) {
             *x += (end - *x) * share;
@@ -168,19 +194,22 @@ impl Solver {
 
     /// Lets the free nodes give way a little; returns the steps taken.
     fn relax(&mut self, u: &mut NodalVector) -> usize {
+        let (problem, _, space) = self.parts(Method::Newton);
+        space.reserve(u.len());
+        let energy = problem.evaluate(u, &mut space.gradient);
+        space.energy_at_start = Some(energy);
         let target = Target {
             tell_error: false,
-            accuracy: Some(RELAXED * self.problem.element_size),
-            gradient: self.problem.gradient_floor(u),
+            accuracy: None,
+            gradient: (RELAXED * norm(&space.gradient)).max(problem.gradient_floor(u)),
         };
-        self.run_method(Method::Newton, u, &target, RELAX)
-            .iterations
+        self.run_method(Method::Newton, u, &target, RELAX).iterations
     }
 
     /// Solves after a walk; where that did not arrive, the outcome is where it ended.
     pub(crate) fn run_after(
         &mut self,
-        walk: Walk,
+        walk: &Walk,
         method: &mut Method,
         u: &mut NodalVector,
         target: &Target,

@@ -446,15 +446,16 @@ impl Solver {
         };
         let limit = options.max_iterations;
         let asked = method;
-        let mut outcome = match approached {
+        let mut outcome = match &approached {
             Some(walk) => self.run_after(walk, &mut method, u, &target, limit),
             None => self.run_with_fallback(&mut method, u, &target, limit),
         };
         let mut negative_curvature = None;
-        if options.leave_saddles || self.may_be_saddle(method, u, &outcome) {
+        let arrived = approached.is_none_or(|walk| walk.arrived);
+        if arrived && (options.leave_saddles || self.may_be_saddle(method, u, &outcome)) {
             negative_curvature = self.leave_saddles(&mut method, u, &target, limit, &mut outcome);
         }
-        if options.measure_error {
+        if arrived && options.measure_error {
             self.measure(method, u, target, limit, &mut outcome);
         }
         self.problem.align_floating(u);

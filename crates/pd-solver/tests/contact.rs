@@ -228,9 +228,9 @@ fn derivatives_are_those_of_solves() {
     let mut actuation = zero();
     actuation.actuation = numbers.actuation(rest.actuation.len(), 1.0);
     for (name, direction, step) in [
-        ("obstacles", obstacles, 2e-5),
-        ("acceleration", acceleration, 1e-4),
-        ("actuation", actuation, 1e-4),
+        ("obstacles", obstacles, 1e-5),
+        ("acceleration", acceleration, 1e-5),
+        ("actuation", actuation, 1e-5),
     ] {
         let slope = difference(step, |t| {
             let moved = parameters.moved(t, &direction);
@@ -296,7 +296,7 @@ fn rest_feels_nothing_of_itself_however_near() {
         Solver::on_surface(&mesh, &surface, &[elasticity(), held(base), wide]).unwrap();
     let parameters = solver.rest_parameters();
     let (energy, gradient) = solver.energy_gradient(&parameters, mesh.nodes()).unwrap();
-    assert_eq!(energy, 0.0);
+    assert!(energy < 1e-30, "{energy}");
     assert!(gradient.iter().all(|g| g.norm() < 1e-13));
     assert!(
         solver.contact_reports(mesh.nodes()).unwrap()[0]
@@ -376,7 +376,7 @@ fn what_passes_through_is_refused_with_its_place() {
 
 #[test]
 fn what_cannot_be_reached_stalls_without_passing_through() {
-    let (mesh, effects, triangles) = stamped(4);
+    let (mesh, effects, _) = stamped(4);
     let surface = skin(&mesh);
     let mut solver = Solver::on_surface(&mesh, &surface, &effects).unwrap();
     let mut parameters = solver.rest_parameters();
@@ -389,9 +389,9 @@ fn what_cannot_be_reached_stalls_without_passing_through() {
         ..SolveOptions::new(Stop::Accuracy(1e-4))
     };
     let solution = solver.solve(&parameters, None, &options).unwrap();
+    println!("{:?} after {} steps", solution.status, solution.stats.iterations);
     assert_eq!(solution.status, Status::Stalled);
     assert_eq!(crossings(&surface, &mesh, &solution.positions, None), 0);
-    drop(triangles);
 }
 
 #[test]

@@ -280,6 +280,8 @@ impl Effect for Contact {
     }
 
     fn intersection(&mut self, u: &[Vector3<f64>]) -> Option<SolverError> {
+        // A solve begins here: its bits do not depend on those before.
+        self.list.forget();
         let x = self.look(u);
         let found = self.find_intersection(&x);
         self.x = x;

@@ -21,7 +21,7 @@ pub fn lattice(cells: Vec<[i32; 3]>, size: f64) -> HexMesh {
     HexMesh::from_cells(cells, Vector3::zeros(), size, Quadrature::Eight).expect("a valid body")
 }
 
-/// The boundary of a body, each face of a cell as two triangles, a hair inside so that it is carried by its own cells.
+/// The boundary of a body, each face of a cell as two triangles.
 pub fn skin(mesh: &HexMesh) -> EmbeddedSurface {
     const FACES: [[usize; 3]; 6] = [
         [0, 1, 2],
@@ -124,7 +124,9 @@ fn through(x: &[Vector3<f64>], (p, q): (u32, u32), t: &[u32; 3]) -> bool {
             .determinant()
     };
     let [a, b, c] = *t;
-    if volume(a, b, c, p) * volume(a, b, c, q) >= 0.0 {
+    let (above, below) = (volume(a, b, c, p), volume(a, b, c, q));
+    // Triangles of one plane are on either side of each other by roundoff.
+    if above * below >= 0.0 || above.abs().max(below.abs()) < 1e-15 {
         return false;
     }
     let turns = [volume(p, q, a, b), volume(p, q, b, c), volume(p, q, c, a)];

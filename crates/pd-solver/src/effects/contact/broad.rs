@@ -1,5 +1,6 @@
 //! The broad phase: what is near at all, by trees of boxes.
 
+use super::distance::{Kind, Nearest};
 use super::topology::Topology;
 use nalgebra::Vector3;
 use parry3d_f64::bounding_volume::Aabb;
@@ -11,6 +12,9 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 
 /// Tests of boxes per task.
 const CHUNK: usize = 64;
+
+/// Distance of a point from the triangle that it is on, in edges.
+const ROUNDOFF: f64 = 1e-12;
 
 /// Points that move along straight lines, and how near counts as near.
 #[derive(Clone, Copy)]
@@ -183,8 +187,8 @@ pub(super) fn piercings(topology: &Topology, x: &[Vector3<f64>], own: bool) -> V
     out
 }
 
-/// Whether a segment goes through the inside of a triangle.
-pub(super) fn pierce(segment: &[Vector3<f64>; 2], triangle: &[Vector3<f64>; 3]) -> bool {
+/// Whether a segment goes through the inside of a triangle. Where the two lie in one plane but for roundoff, they do not.
+fn pierce(segment: &[Vector3<f64>; 2], triangle: &[Vector3<f64>; 3]) -> bool {
     let [p, q] = segment;
     let [a, b, c] = triangle;
     let normal = (b - a).cross(&(c - a));
@@ -193,6 +197,8 @@ pub(super) fn pierce(segment: &[Vector3<f64>; 2], triangle: &[Vector3<f64>; 3]) 
         return false;
     }
     let along = q - p;
-    let turns = [(a, b), (b, c), (c, a)].map(|(a, b)| along.dot(&(a - p).cross(&(b - p))));
-    turns.iter().all(|t| *t > 0.0) || turns.iter().all(|t| *t < 0.0)
+    let crossing = p + along * (sides[0] / (sides[0] - sides[1]));
+    let nearest = Nearest::of(Kind::VertexTriangle, &[crossing, *a, *b, *c]);
+    let size = (b - a).norm_squared().max((c - a).norm_squared());
+    nearest.squared() <= ROUNDOFF * ROUNDOFF * size.max(along.norm_squared())
 }

@@ -5,14 +5,15 @@
 //! cannot hide a collision.
 
 use super::distance::{Kind, Nearest, Quad};
+use std::sync::atomic::{AtomicU64, Ordering};
 
 /// Share of the distance that is kept.
 const KEPT: f64 = 0.1;
 /// Additions after which what is safe so far has to do.
-const MAX_ADDITIONS: usize = 500;
+const MAX_ADDITIONS: usize = 100;
 
-/// The share of the motion `p` from `x`, at most 1, within which the pair keeps at least a tenth of its distance.
-pub(crate) fn free_share(kind: Kind, x: &Quad, p: &Quad) -> f64 {
+/// The share of the motion `p` from `x`, at most `limit`, within which the pair keeps at least a tenth of its distance.
+pub(crate) fn free_share(kind: Kind, x: &Quad, p: &Quad, limit: f64) -> f64 {
     let mean = (p[0] + p[1] + p[2] + p[3]) / 4.0;
     let p = p.map(|p| p - mean);
     let length = |i: usize| p[i].norm();
@@ -21,20 +22,24 @@ pub(crate) fn free_share(kind: Kind, x: &Quad, p: &Quad) -> f64 {
         Kind::EdgeEdge => length(0).max(length(1)) + length(2).max(length(3)),
     };
     if motion == 0.0 {
-        return 1.0;
+        return limit;
     }
     let mut distance = Nearest::of(kind, x).squared().sqrt();
     let kept = KEPT * distance;
+    if apart(kind, x, &p, kept) {
+        return limit;
+    }
     let (mut share, mut step) = (0.0, (1.0 - KEPT) * distance / motion);
     for _ in 0..MAX_ADDITIONS {
+        // What is seen on the way must not hang on the limit, so that the least of many does not hang on their order.
         let next = (share + step).min(1.0);
         let moved: Quad = std::array::from_fn(|i| x[i] + p[i] * next);
         distance = Nearest::of(kind, &moved).squared().sqrt();
         if share > 0.0 && distance < kept {
             break;
         }
-        if next == 1.0 {
-            return 1.0;
+        if next >= limit {
+            return limit;
         }
         share = next;
         step = (1.0 - KEPT) * distance / motion;
@@ -43,7 +48,46 @@ pub(crate) fn free_share(kind: Kind, x: &Quad, p: &Quad) -> f64 {
             break;
         }
     }
-    share
+    share.min(limit)
+}
+
+/// Whether boxes around the ways of both stay farther apart than `kept`.
+fn apart(kind: Kind, x: &Quad, p: &Quad, kept: f64) -> bool {
+    let first = match kind {
+        Kind::VertexTriangle => 1,
+        Kind::EdgeEdge => 2,
+    };
+    (0..3).any(|axis| {
+        let (mut low, mut high) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
+        for i in 0..4 {
+            let side = usize::from(i >= first);
+            for at in [x[i][axis], x[i][axis] + p[i][axis]] {
+                (low[side], high[side]) = (low[side].min(at), high[side].max(at));
+            }
+        }
+        low[1] - high[0] > kept || low[0] - high[1] > kept
+    })
+}
+
+/// The smallest of the shares of many pairs, which spares the others what lies beyond it. The order in which pairs come does not change the end.
+pub(crate) struct Least(AtomicU64);
+
+impl Least {
+    pub(crate) fn new(share: f64) -> Self {
+        Self(AtomicU64::new(share.to_bits()))
+    }
+
+    /// Takes a pair into account.
+    pub(crate) fn see(&self, kind: Kind, x: &Quad, p: &Quad) {
+        let share = free_share(kind, x, p, self.share());
+        // Bits of numbers that are not negative have the order of the numbers.
+        self.0.fetch_min(share.to_bits(), Ordering::Relaxed);
+    }
+
+    /// The smallest so far.
+    pub(crate) fn share(&self) -> f64 {
+        f64::from_bits(self.0.load(Ordering::Relaxed))
+    }
 }
 
 #[cfg(test)]

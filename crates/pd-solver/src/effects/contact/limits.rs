@@ -1,11 +1,11 @@
 //! How far points may move, and whether they are where they may be.
 
-use super::Contact;
 use super::broad::{Motion, Near, near, piercings};
-use super::ccd::free_share;
-use super::distance::{Nearest, Quad};
+use super::ccd::Least;
+use super::distance::{Kind, Nearest, Quad};
 use super::list::pair;
 use super::topology::Pair;
+use super::{CHUNK, Contact};
 use crate::error::SolverError;
 use nalgebra::Vector3;
 use rayon::prelude::*;
@@ -13,7 +13,7 @@ use rayon::prelude::*;
 /// Share of the distance from a plane that a motion keeps.
 const KEPT: f64 = 0.1;
 /// Boxes that may meet per point before a motion counts as too long to be looked at as a whole.
-const CROWDED: usize = 200;
+const CROWDED: usize = 60;
 /// Shorter shares of a motion are looked at however many boxes meet.
 const SHORTEST: f64 = 1e-3;
 /// A distance, in shares of the barrier's, that is none.
@@ -28,19 +28,18 @@ impl Contact {
         let mut considered = self.share_above_planes(from, to);
         let reach = (self.dhat, self.margin);
         self.list.prepare(&self.topology, self.own, from, reach);
-        let share_of = |pair: &Pair, to: &[Vector3<f64>]| {
-            let x = pair.gather(from);
-            let end = pair.gather(to);
+        let see = |least: &Least, pair: &Pair, to: &[Vector3<f64>]| {
+            let (x, end) = (pair.gather(from), pair.gather(to));
             let p: Quad = std::array::from_fn(|i| end[i] - x[i]);
-            free_share(pair.barrier.kind, &x, &p)
+            least.see(pair.barrier.kind, &x, &p);
         };
         if self.list.serves(to, self.margin) {
-            let pairs = self.list.pairs.par_iter();
-            let least = pairs
-                .map(|pair| share_of(pair, to))
-                .reduce(|| 1.0, f64::min);
-            return least.min(considered);
+            let least = Least::new(considered);
+            let pairs = self.list.pairs.par_iter().with_min_len(CHUNK);
+            pairs.for_each(|pair| see(&least, pair, to));
+            return least.share();
         }
+        let clock = std::time::Instant::now();
         let crowded = CROWDED * self.topology.rest.len();
         let mut end = to.to_vec();
         loop {
@@ -56,15 +55,17 @@ impl Contact {
                 true => crowded,
                 false => usize::MAX,
             };
-            let keep = |near: Near| {
-                let pair = pair(&self.topology, near)?;
-                let share = share_of(&pair, &end);
-                (share < 1.0).then_some(share)
+            let least = Least::new(1.0);
+            let look = |near: Near| -> Option<()> {
+                see(&least, &pair(&self.topology, near)?, &end);
+                None
             };
-            match near(&self.topology, motion, self.own, limit, keep) {
-                Some(shares) => return considered * shares.into_iter().fold(1.0, f64::min),
-                None => considered *= 0.5,
+            let r = near(&self.topology, motion, self.own, limit, look).is_some();
+            eprintln!("DBG {considered} {} {r} {:?}", least.share(), clock.elapsed());
+            if r {
+                return considered * least.share();
             }
+            considered *= 0.5;
         }
     }
 
@@ -106,8 +107,8 @@ impl Contact {
         let [a, b, c, _] = pair.points;
         let triangle = self.triangle_with(&[c]);
         Some(match pair.barrier.kind {
-            super::distance::Kind::VertexTriangle => self.between(&[a], triangle, x),
-            super::distance::Kind::EdgeEdge => self.between(&[a, b], triangle, x),
+            Kind::VertexTriangle => self.between(&[a], triangle, x),
+            Kind::EdgeEdge => self.between(&[a, b], triangle, x),
         })
     }
 

@@ -23,6 +23,11 @@ impl PairList {
         self.at.len() == x.len() && self.at.iter().zip(x).all(near)
     }
 
+    /// Makes the next look a search.
+    pub(super) fn forget(&mut self) {
+        self.at.clear();
+    }
+
     /// Makes the list anew where it does not serve. Positions that are not finite leave it as it is.
     pub(super) fn prepare(
         &mut self,

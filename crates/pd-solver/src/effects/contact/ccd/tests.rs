@@ -25,7 +25,7 @@ fn shares_are_free_and_not_much_less_than_sampled() {
                 p[1] -= q * 3.0;
             }
         }
-        let share = free_share(kind, &x, &p);
+        let share = free_share(kind, &x, &p, 1.0);
         // Never beyond where the distance falls below what is kept.
         if let Some(t) = sampled(kind, &x, &p, 0.0999) {
             meets += 1;
@@ -49,6 +49,6 @@ fn what_does_not_move_against_each_other_is_free() {
     for kind in [Kind::VertexTriangle, Kind::EdgeEdge] {
         let x = numbers.quad();
         let p = [nalgebra::Vector3::new(5.0, 6.0, 7.0); 4];
-        assert_eq!(free_share(kind, &x, &p), 1.0);
+        assert_eq!(free_share(kind, &x, &p, 1.0), 1.0);
     }
 }
