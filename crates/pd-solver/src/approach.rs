@@ -203,7 +203,8 @@ impl Solver {
             accuracy: None,
             gradient: (RELAXED * norm(&space.gradient)).max(problem.gradient_floor(u)),
         };
-        self.run_method(Method::Newton, u, &target, RELAX).iterations
+        self.run_method(Method::Newton, u, &target, RELAX)
+            .iterations
     }
 
     /// Solves after a walk; where that did not arrive, the outcome is where it ended.

@@ -1,12 +1,14 @@
 //! One suite that every effect keeps: gradient, Hessian product, symmetry, parameter derivatives, majorisation.
 
 mod common;
+#[path = "common/skin.rs"]
+mod skin;
 
 use common::{Numbers, boundary, difference, dot, elasticity, held, nodes_where};
 use hex_mesh::{HexMesh, NodeRegion, Quadrature};
 use nalgebra::Vector3;
 use pd_solver::{
-    AdjointOptions, EffectSpec, ElementSet, Method, NodeSet, Parameters, SolveOptions, Solver,
+    AdjointOptions, EffectSpec, ElementSet, Method, NodeSet, Obstacle, Parameters, SolveOptions, Solver,
     SpringPoints, Status, Stop, TimeScheme,
 };
 
@@ -17,6 +19,8 @@ struct Case {
     parameters: Parameters,
     state: Vec<Vector3<f64>>,
     numbers: Numbers,
+    /// Step of parameters in differences of solves, and the error that it leaves.
+    step: (f64, f64),
 }
 
 impl Case {
@@ -42,6 +46,7 @@ impl Case {
             parameters,
             state,
             numbers,
+            step: (1e-3, 1e-7),
         }
     }
 
@@ -107,7 +112,8 @@ impl Case {
             .expect("fits");
         let gradient = adjoint.gradient.expect("converged");
         let direction = random_like(&self.parameters, &mut self.numbers);
-        let slope = difference(1e-3, |t| {
+        let (step, error) = self.step;
+        let slope = difference(step, |t| {
             let parameters = self.parameters.moved(t, &direction);
             let solution = self
                 .solver
@@ -115,7 +121,7 @@ impl Case {
                 .expect("fits");
             dot(&solution.positions, &cotangent)
         });
-        close(slope, gradient.dot(&direction), 1e-7);
+        close(slope, gradient.dot(&direction), error);
     }
 
     fn energy_never_rises(&mut self) {
@@ -164,11 +170,17 @@ fn close(a: f64, b: f64, tolerance: f64) {
 /// The whole suite for one list of effects.
 macro_rules! conformance {
     ($name:ident, $quadrature:expr, $extra:expr) => {
+        conformance!($name, $quadrature, $extra, (1e-3, 1e-7));
+    };
+    ($name:ident, $quadrature:expr, $extra:expr, $step:expr) => {
         mod $name {
             use super::*;
 
             fn case() -> Case {
-                Case::new($quadrature, $extra)
+                Case {
+                    step: $step,
+                    ..Case::new($quadrature, $extra)
+                }
             }
 
             #[test]
@@ -301,6 +313,30 @@ fn damped_midpoint(_: &HexMesh) -> Vec<EffectSpec> {
     ]
 }
 
+/// A plane below and a tilted sheet above, both near enough to be felt, and what the body has of itself.
+fn contact(_: &HexMesh) -> Vec<EffectSpec> {
+    let sheet = Obstacle::Surface {
+        vertices: vec![
+            [0.31, 0.12, 0.56],
+            [0.93, 0.17, 0.59],
+            [0.88, 0.64, 0.57],
+            [0.27, 0.69, 0.58],
+        ],
+        triangles: vec![[0, 1, 2], [0, 2, 3]],
+    };
+    let plane = Obstacle::Plane {
+        normal: [0.02, 0.03, 1.0],
+        offset: -0.07,
+    };
+    vec![EffectSpec::Contact {
+        region: None,
+        distance: 0.11,
+        stiffness: Some(0.7),
+        own: true,
+        obstacles: vec![plane, sheet],
+    }]
+}
+
 fn everything(mesh: &HexMesh) -> Vec<EffectSpec> {
     let mut all = springs_at_nodes(mesh);
     all.extend(gravity(mesh));
@@ -319,6 +355,8 @@ conformance!(elasticity_eight_samples, Quadrature::Eight, |_| vec![]);
 conformance!(elasticity_27_samples, Quadrature::TwentySeven, |_| vec![]);
 conformance!(nodal_springs, Quadrature::Eight, springs_at_nodes);
 conformance!(point_springs, Quadrature::Eight, embedded_springs);
+// Third derivatives jump where nearest features change.
+conformance!(touching, Quadrature::Eight, contact, (1e-6, 1e-6));
 conformance!(weight, Quadrature::Eight, gravity);
 conformance!(stiffness_field, Quadrature::Eight, soft_and_stiff);
 conformance!(activation_mask, Quadrature::Eight, half_passive);

@@ -389,7 +389,10 @@ fn what_cannot_be_reached_stalls_without_passing_through() {
         ..SolveOptions::new(Stop::Accuracy(1e-4))
     };
     let solution = solver.solve(&parameters, None, &options).unwrap();
-    println!("{:?} after {} steps", solution.status, solution.stats.iterations);
+    println!(
+        "{:?} after {} steps",
+        solution.status, solution.stats.iterations
+    );
     assert_eq!(solution.status, Status::Stalled);
     assert_eq!(crossings(&surface, &mesh, &solution.positions, None), 0);
 }
@@ -416,4 +419,76 @@ fn triangles_that_pass_through_each_other_at_rest_are_left_out() {
         solver.energy_gradient(&parameters, mesh.nodes()).unwrap().0,
         0.0
     );
+}
+
+#[test]
+fn the_bits_do_not_depend_on_the_number_of_threads() {
+    let run = |threads: usize| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build();
+        pool.unwrap().install(|| {
+            let (mesh, effects, _) = stamped(6);
+            let surface = skin(&mesh);
+            let mut solver = Solver::on_surface(&mesh, &surface, &effects).unwrap();
+            let mut parameters = solver.rest_parameters();
+            for x in &mut parameters.obstacles {
+                x.z -= 0.2;
+            }
+            let options = SolveOptions::new(Stop::Accuracy(1e-4));
+            solved(&mut solver, &parameters, &options).positions
+        })
+    };
+    assert_eq!(run(1), run(3));
+}
+
+/// Steps, products and times with and without contact: `cargo test --release --test contact -- --ignored --nocapture`.
+#[test]
+#[ignore = "measures"]
+fn what_contact_costs() {
+    for n in [8, 16, 24] {
+        let mesh = cube(n);
+        let surface = skin(&mesh);
+        let base = nodes_where(&mesh, |x| x.z == 0.0);
+        let (vertices, triangles) = stamp([0.32, 0.27, 1.1], [0.71, 0.68, 1.3], 4);
+        let obstacle = Obstacle::Surface {
+            vertices,
+            triangles,
+        };
+        let others = [elasticity(), held(base), gravity(-0.2)];
+        let options = SolveOptions::new(Stop::Accuracy(1e-4));
+        println!(
+            "{} elements, {} triangles",
+            mesh.elements().len(),
+            surface.triangles.len()
+        );
+        let mut without = Solver::on_surface(&mesh, &surface, &others).unwrap();
+        let parameters = without.rest_parameters();
+        solved(&mut without, &parameters, &options);
+        solved(
+            &mut without,
+            &parameters,
+            &options.with_method(Method::Newton),
+        );
+        for distance in [0.05, 0.02] {
+            let spec = EffectSpec::Contact {
+                region: None,
+                distance,
+                stiffness: None,
+                own: true,
+                obstacles: vec![obstacle.clone()],
+            };
+            let effects = [&others[..], &[spec]].concat();
+            let mut solver = Solver::on_surface(&mesh, &surface, &effects).unwrap();
+            let mut parameters = solver.rest_parameters();
+            solved(&mut solver, &parameters, &options);
+            for x in &mut parameters.obstacles {
+                x.z -= 0.2;
+            }
+            let at = solved(&mut solver, &parameters, &options);
+            let again = solver
+                .solve(&parameters, Some(&at.positions), &options)
+                .unwrap();
+            let work = (again.stats.iterations, again.stats.work.hessian_products);
+            println!("warm: {work:?} {:.3} s", again.stats.seconds);
+        }
+    }
 }

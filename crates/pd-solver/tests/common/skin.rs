@@ -1,5 +1,7 @@
 //! Bodies of cells with the surface of their boundary, and a test for crossings that knows nothing of the solver's.
 
+#![allow(dead_code)] // Each test program uses its own part.
+
 use hex_mesh::{HexMesh, Quadrature};
 use nalgebra::Vector3;
 use pd_solver::EmbeddedSurface;

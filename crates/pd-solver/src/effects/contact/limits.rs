@@ -3,7 +3,6 @@
 use super::broad::{Motion, Near, near, piercings};
 use super::ccd::Least;
 use super::distance::{Kind, Nearest, Quad};
-use super::list::pair;
 use super::topology::Pair;
 use super::{CHUNK, Contact};
 use crate::error::SolverError;
@@ -28,18 +27,21 @@ impl Contact {
         let mut considered = self.share_above_planes(from, to);
         let reach = (self.dhat, self.margin);
         self.list.prepare(&self.topology, self.own, from, reach);
-        let see = |least: &Least, pair: &Pair, to: &[Vector3<f64>]| {
-            let (x, end) = (pair.gather(from), pair.gather(to));
-            let p: Quad = std::array::from_fn(|i| end[i] - x[i]);
-            least.see(pair.barrier.kind, &x, &p);
+        let way = |points: &[u32; 4], to: &[Vector3<f64>]| -> (Quad, Quad) {
+            let x = points.map(|p| from[p as usize]);
+            (x, points.map(|p| to[p as usize] - from[p as usize]))
         };
+        // Pairs that are near already limit most motions; what is left of them sweeps little.
+        let least = Least::new(considered);
+        let pairs = self.list.pairs.par_iter().with_min_len(CHUNK);
+        pairs.for_each(|pair| {
+            let (x, p) = way(&pair.points, to);
+            least.see(pair.barrier.kind, &x, &p, || true);
+        });
+        considered = least.share();
         if self.list.serves(to, self.margin) {
-            let least = Least::new(considered);
-            let pairs = self.list.pairs.par_iter().with_min_len(CHUNK);
-            pairs.for_each(|pair| see(&least, pair, to));
-            return least.share();
+            return considered;
         }
-        let clock = std::time::Instant::now();
         let crowded = CROWDED * self.topology.rest.len();
         let mut end = to.to_vec();
         loop {
@@ -57,12 +59,12 @@ impl Contact {
             };
             let least = Least::new(1.0);
             let look = |near: Near| -> Option<()> {
-                see(&least, &pair(&self.topology, near)?, &end);
+                let (kind, points) = self.topology.points_of(near)?;
+                let (x, p) = way(&points, &end);
+                least.see(kind, &x, &p, || self.topology.pair(near).is_some());
                 None
             };
-            let r = near(&self.topology, motion, self.own, limit, look).is_some();
-            eprintln!("DBG {considered} {} {r} {:?}", least.share(), clock.elapsed());
-            if r {
+            if near(&self.topology, motion, self.own, limit, look).is_some() {
                 return considered * least.share();
             }
             considered *= 0.5;

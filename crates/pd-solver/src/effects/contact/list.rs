@@ -41,7 +41,7 @@ impl PairList {
         }
         self.searches += 1;
         let keep = |near: Near| {
-            let pair = pair(topology, near)?;
+            let pair = topology.pair(near)?;
             let reach = pair.barrier.dhat + margin;
             let nearest = Nearest::of(pair.barrier.kind, &pair.gather(x));
             (nearest.squared() < reach * reach).then_some(pair)
@@ -54,13 +54,5 @@ impl PairList {
 
     pub(super) fn bytes(&self) -> usize {
         size_of_val(&self.pairs[..]) + size_of_val(&self.at[..])
-    }
-}
-
-/// What is near, as a pair, where it can touch.
-pub(super) fn pair(topology: &Topology, near: Near) -> Option<Pair> {
-    match near {
-        Near::VertexTriangle(vertex, triangle) => topology.vertex_triangle(vertex, triangle),
-        Near::EdgeEdge(e, f) => topology.edge_edge(e, f),
     }
 }

@@ -1,6 +1,7 @@
 //! What can touch: vertices, edges and triangles of the surface and of obstacles, and the areas that they stand for.
 
 use super::barrier::Barrier;
+use super::broad::Near;
 use super::distance::{Kind, Nearest, Quad};
 use nalgebra::Vector3;
 use std::collections::BTreeMap;
@@ -113,48 +114,45 @@ impl Topology {
         !a.iter().chain(b).any(out) && !a.iter().any(|p| b.iter().any(|q| one(p, q)))
     }
 
-    /// A vertex and a triangle, where they can touch.
-    pub(super) fn vertex_triangle(&self, vertex: u32, triangle: u32) -> Option<Pair> {
-        let [a, b, c] = self.triangles[triangle as usize];
-        if !self.may_touch(&[vertex], &[a, b, c]) {
-            return None;
-        }
-        let area = 2.0 * self.triangle_areas[triangle as usize];
-        let area = area.min(self.point_areas[vertex as usize]);
+    /// The points of what is near, where that can touch.
+    pub(super) fn points_of(&self, near: Near) -> Option<(Kind, [u32; 4])> {
+        let (kind, points, first) = match near {
+            Near::VertexTriangle(vertex, triangle) => {
+                let [a, b, c] = self.triangles[triangle as usize];
+                (Kind::VertexTriangle, [vertex, a, b, c], 1)
+            }
+            Near::EdgeEdge(e, f) => {
+                let ([a, b], [c, d]) = (self.edges[e as usize], self.edges[f as usize]);
+                (Kind::EdgeEdge, [a, b, c, d], 2)
+            }
+        };
+        let (one, other) = points.split_at(first);
+        self.may_touch(one, other).then_some((kind, points))
+    }
+
+    /// What is near, as a pair, where it can touch.
+    pub(super) fn pair(&self, near: Near) -> Option<Pair> {
+        let (kind, points) = self.points_of(near)?;
+        let (area, parallel) = match near {
+            Near::VertexTriangle(vertex, triangle) => {
+                let area = 2.0 * self.triangle_areas[triangle as usize];
+                (area.min(self.point_areas[vertex as usize]), 0.0)
+            }
+            Near::EdgeEdge(e, f) => {
+                let area = self.edge_areas[e as usize].min(self.edge_areas[f as usize]);
+                let square = |[p, q]: [u32; 2]| {
+                    let edge = self.rest[p as usize] - self.rest[q as usize];
+                    edge.norm_squared().max(DEGENERATE * area)
+                };
+                let squares = square(self.edges[e as usize]) * square(self.edges[f as usize]);
+                (0.5 * area, PARALLEL * squares)
+            }
+        };
         // A vertex of no triangle is none.
         if area <= 0.0 {
             return None;
         }
-        self.pair(Kind::VertexTriangle, [vertex, a, b, c], area, 0.0)
-    }
-
-    /// Two edges, where they can touch.
-    pub(super) fn edge_edge(&self, e: u32, f: u32) -> Option<Pair> {
-        let ([a, b], [c, d]) = (self.edges[e as usize], self.edges[f as usize]);
-        if !self.may_touch(&[a, b], &[c, d]) {
-            return None;
-        }
-        let area = self.edge_areas[e as usize].min(self.edge_areas[f as usize]);
-        let square = |p: u32, q: u32| {
-            let edge = self.rest[p as usize] - self.rest[q as usize];
-            edge.norm_squared().max(DEGENERATE * area)
-        };
-        let parallel = PARALLEL * square(a, b) * square(c, d);
-        self.pair(Kind::EdgeEdge, [a, b, c, d], 0.5 * area, parallel)
-    }
-
-    fn pair(&self, kind: Kind, points: [u32; 4], area: f64, parallel: f64) -> Option<Pair> {
-        let mut dhat = self.dhat;
-        if points.iter().all(|&p| self.is_own(p)) {
-            let at_rest = Nearest::of(kind, &points.map(|p| self.rest[p as usize]));
-            let distance = at_rest.squared().sqrt();
-            if distance <= ONE * dhat {
-                return None;
-            }
-            if distance < dhat {
-                dhat = OF_REST * distance;
-            }
-        }
+        let dhat = self.begins(kind, &points)?;
         let barrier = Barrier {
             kind,
             strength: self.stiffness * area,
@@ -162,6 +160,20 @@ impl Topology {
             parallel,
         };
         Some(Pair { points, barrier })
+    }
+
+    /// The distance at which the barrier of a pair begins; none where it is one thing.
+    fn begins(&self, kind: Kind, points: &[u32; 4]) -> Option<f64> {
+        if !points.iter().all(|&p| self.is_own(p)) {
+            return Some(self.dhat);
+        }
+        let at_rest = Nearest::of(kind, &points.map(|p| self.rest[p as usize]));
+        let distance = at_rest.squared().sqrt();
+        match distance {
+            d if d <= ONE * self.dhat => None,
+            d if d < self.dhat => Some(OF_REST * d),
+            _ => Some(self.dhat),
+        }
     }
 
     /// What a plane feels of a vertex.
