@@ -18,9 +18,9 @@ use nalgebra::Vector3;
 /// Share of what may be gone that is gone.
 const RESERVE: f64 = 0.8;
 /// Newton steps between two shares of the way, at most.
-const RELAX: usize = 8;
-/// Share of the gradient after an advance below which the free nodes have given way.
-const RELAXED: f64 = 0.05;
+const RELAX: usize = 10;
+/// Free nodes that are nearer than this to their equilibrium, in edges of an element, have given way.
+const RELAXED: f64 = 0.01;
 /// An advance goes at most this many times as far as the one before.
 const GROWTH: f64 = 3.0;
 /// Shares of the way at most.
@@ -194,14 +194,10 @@ impl Solver {
 
     /// Lets the free nodes give way a little; returns the steps taken.
     fn relax(&mut self, u: &mut NodalVector) -> usize {
-        let (problem, _, space) = self.parts(Method::Newton);
-        space.reserve(u.len());
-        let energy = problem.evaluate(u, &mut space.gradient);
-        space.energy_at_start = Some(energy);
         let target = Target {
             tell_error: false,
-            accuracy: None,
-            gradient: (RELAXED * norm(&space.gradient)).max(problem.gradient_floor(u)),
+            accuracy: Some(RELAXED * self.problem.element_size),
+            gradient: self.problem.gradient_floor(u),
         };
         self.run_method(Method::Newton, u, &target, RELAX)
             .iterations

@@ -449,6 +449,7 @@ fn what_contact_costs() {
         let surface = skin(&mesh);
         let base = nodes_where(&mesh, |x| x.z == 0.0);
         let (vertices, triangles) = stamp([0.32, 0.27, 1.1], [0.71, 0.68, 1.3], 4);
+        let others_triangles = triangles.clone();
         let obstacle = Obstacle::Surface {
             vertices,
             triangles,
@@ -487,6 +488,13 @@ fn what_contact_costs() {
             let again = solver
                 .solve(&parameters, Some(&at.positions), &options)
                 .unwrap();
+            if n < 20 {
+                let obstacle = Some((&parameters.obstacles[..], &others_triangles[..]));
+                assert_eq!(crossings(&surface, &mesh, &at.positions, obstacle), 0);
+            }
+            let reports = solver.contact_reports(&at.positions).unwrap();
+            println!("{:?}", reports[0]);
+            assert!(reports[0].nearest.unwrap() > 0.1 * distance);
             let work = (again.stats.iterations, again.stats.work.hessian_products);
             println!("warm: {work:?} {:.3} s", again.stats.seconds);
         }

@@ -14,6 +14,9 @@ const MAX_INNER: usize = 500;
 const LOOSEST: f64 = 0.1;
 /// Share of a step's length that is reported as the error after it.
 const REMAINS: f64 = 0.3;
+/// Deep in a barrier a step doubles the distance and halves the gradient, and is short however far the minimum is. Where steps have a limit, only
+/// one that leaves no more than this share of the gradient tells the error.
+const CONTRACTS: f64 = 0.25;
 
 /// Solves `H d = gradient` at `u` to a relative residual, so that `u - d` is the minimum of the quadratic model; the gradient and
 /// the direction are the workspace's.
@@ -63,6 +66,7 @@ pub(crate) fn newton(
         // Where the curvature is negative, a direction leads away from here, but says nothing of how far.
         let tells = linear.status == LinearStatus::Converged;
         let slope = dot(&space.gradient, &space.direction);
+        let before = descent.gradient_norm;
         if slope <= 0.0 || !slope.is_finite() {
             break Status::Stalled;
         }
@@ -76,7 +80,8 @@ pub(crate) fn newton(
         }
         // What remains after the step is what the linear solve left and what the curvature of the energy adds; the second is
         // not known, so no step counts for more than a reduction by REMAINS.
-        let tells = tells && descent.is_full;
+        let contracts = !problem.limits_steps() || descent.gradient_norm <= CONTRACTS * before;
+        let tells = tells && descent.is_full && contracts;
         estimate = tells.then_some((length * REMAINS, Estimate::NewtonStep));
         if target.is_met(descent.gradient_norm, estimate.map(|(length, _)| length)) {
             break Status::Converged;

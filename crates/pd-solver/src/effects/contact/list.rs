@@ -41,10 +41,15 @@ impl PairList {
         }
         self.searches += 1;
         let keep = |near: Near| {
+            // Few of those whose boxes meet are near, and looking costs less than what a pair takes.
+            let (kind, points) = topology.points_of(near)?;
+            let nearest = Nearest::of(kind, &points.map(|p| x[p as usize]));
+            let distance = nearest.squared().sqrt();
+            if distance >= dhat + margin {
+                return None;
+            }
             let pair = topology.pair(near)?;
-            let reach = pair.barrier.dhat + margin;
-            let nearest = Nearest::of(pair.barrier.kind, &pair.gather(x));
-            (nearest.squared() < reach * reach).then_some(pair)
+            (distance < pair.barrier.dhat + margin).then_some(pair)
         };
         let motion = Motion::at(x, dhat + margin);
         self.pairs = near(topology, motion, own, usize::MAX, keep).unwrap_or_default();

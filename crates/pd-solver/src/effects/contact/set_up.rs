@@ -13,8 +13,9 @@ use hex_mesh::HexMesh;
 use nalgebra::Vector3;
 use std::collections::BTreeSet;
 
-/// Margin of the list of pairs, in mean edges of the surface, where that is more than the barrier's distance.
-const MARGIN: f64 = 0.1;
+/// Margin of the list of pairs, in shares of the barrier's distance, and in mean edges of the surface where that is more.
+const MARGIN: f64 = 0.25;
+const MARGIN_OF_EDGES: f64 = 0.1;
 
 /// What a scene says of a contact.
 pub(crate) struct ContactSettings<'a> {
@@ -150,7 +151,7 @@ impl Contact {
         );
         let firsts = obstacles.firsts.into_iter();
         let firsts = firsts.map(|(first, place)| (first + triangles.len() as u32, place));
-        let margin = settings.distance.max(MARGIN * topology.mean_edge());
+        let margin = (MARGIN * settings.distance).max(MARGIN_OF_EDGES * topology.mean_edge());
         let mut contact = Self {
             index,
             points,
