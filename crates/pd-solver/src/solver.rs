@@ -288,7 +288,10 @@ impl Solver {
     /// Finds the equilibrium reached from `start` (the rest shape where not given; prescribed nodes are moved into place).
     ///
     /// # Errors
-    /// When the parameters or the start do not fit or are not finite, or the stopping rule is not a positive number. A solve
+    /// When the parameters or the start do not fit or are not finite, the stopping rule is not a positive number, or, with contact, the start
+    /// passes through itself or an obstacle ([`SolverError::Intersects`]). With contact, prescribed nodes and obstacles are brought to their
+    /// places along straight lines, from where the start and the last solve have them; where something that does not give way stands between,
+    /// the solve ends as [`Status::Stalled`] before it, and nothing passes through anything. A solve
     /// that does not converge is no error: see [`Solution::status`].
     pub fn solve(
         &mut self,
@@ -304,7 +307,7 @@ impl Solver {
     /// [`Solver::solve`] into a solution whose memory is used again. Without a start, what it holds does not matter.
     ///
     /// # Errors
-    /// Those of [`Solver::solve`]; `solution` is then unchanged.
+    /// Those of [`Solver::solve`]; `solution` is then unchanged, but for its positions where the start passes through something.
     pub fn solve_into(
         &mut self,
         parameters: &Parameters,

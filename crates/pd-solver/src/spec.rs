@@ -107,9 +107,10 @@ pub enum EffectSpec {
     Contact {
         /// The vertices that may touch; all where not given.
         region: Option<NodeRegion>,
-        /// Distance at which the barrier begins.
+        /// Distance at which the barrier begins. Gaps between what touches are some tenths of it. Much more than the edges of the surface makes
+        /// looking for what is near slow.
         distance: f64,
-        /// Energy per area and distance of the barrier, see the table of effects; that of `elasticity` per volume where not given.
+        /// Pressure of the barrier at about half its distance, see the table of effects; the stiffness of `elasticity` where not given.
         stiffness: Option<f64>,
         /// Whether the surface touches itself.
         #[serde(default = "yes")]

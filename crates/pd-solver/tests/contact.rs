@@ -444,7 +444,7 @@ fn the_bits_do_not_depend_on_the_number_of_threads() {
 #[test]
 #[ignore = "measures"]
 fn what_contact_costs() {
-    for n in [8, 16, 24] {
+    for n in [8, 16] {
         let mesh = cube(n);
         let surface = skin(&mesh);
         let base = nodes_where(&mesh, |x| x.z == 0.0);

@@ -7,6 +7,9 @@ use nalgebra::Vector3;
 use pd_solver::EmbeddedSurface;
 use std::collections::BTreeMap;
 
+/// Vertices and triangles.
+pub type Sheet<'a> = (&'a [Vector3<f64>], &'a [[u32; 3]]);
+
 /// The cells between two corners.
 pub fn block(low: [i32; 3], high: [i32; 3]) -> Vec<[i32; 3]> {
     let mut cells = Vec::new();
@@ -90,7 +93,7 @@ pub fn crossings(
     surface: &EmbeddedSurface,
     mesh: &HexMesh,
     u: &[Vector3<f64>],
-    obstacle: Option<(&[Vector3<f64>], &[[u32; 3]])>,
+    obstacle: Option<Sheet>,
 ) -> usize {
     let at = |p: &hex_mesh::EmbeddedPoint| -> Vector3<f64> {
         let corners = mesh.elements()[p.element as usize].iter().zip(&p.weights);

@@ -5,7 +5,8 @@
 //! weight that is an area the pressure is `-stiffness phi'(t)`: 0.38 stiffness at t = 0.7, 1.2 at 0.5, 9.7 at 0.1.
 
 use super::distance::{
-    Gradient, Hessian, Kind, Nearest, Quad, crossing, crossing_gradient, crossing_hessian,
+    Gradient, Hessian, Kind, Nearest, Quad, boxes_apart, crossing, crossing_gradient,
+    crossing_hessian,
 };
 
 /// phi with its first two derivatives.
@@ -60,6 +61,9 @@ impl Barrier {
 
     /// Energy and gradient; none where nothing is felt.
     pub(crate) fn energy_gradient(&self, x: &Quad) -> Option<(f64, Gradient)> {
+        if boxes_apart(self.kind, x, self.dhat) {
+            return None;
+        }
         let nearest = Nearest::of(self.kind, x);
         let [energy, slope, _] = self.of_distance(nearest.squared())?;
         let gradient = nearest.gradient() * slope;
@@ -74,6 +78,9 @@ impl Barrier {
 
     /// The Hessian; none where nothing is felt.
     pub(crate) fn hessian(&self, x: &Quad) -> Option<Hessian> {
+        if boxes_apart(self.kind, x, self.dhat) {
+            return None;
+        }
         let nearest = Nearest::of(self.kind, x);
         let [energy, slope, bend] = self.of_distance(nearest.squared())?;
         let g = nearest.gradient();

@@ -98,6 +98,21 @@ impl Nearest {
     }
 }
 
+/// Whether boxes around both are at least this far apart, along one axis: a quick no.
+pub(crate) fn boxes_apart(kind: Kind, x: &Quad, distance: f64) -> bool {
+    let first = match kind {
+        Kind::VertexTriangle => 1,
+        Kind::EdgeEdge => 2,
+    };
+    let (one, other) = x.split_at(first);
+    (0..3).any(|axis| {
+        let low = |part: &[Vector3<f64>]| part.iter().fold(f64::INFINITY, |a, x| a.min(x[axis]));
+        let high =
+            |part: &[Vector3<f64>]| part.iter().fold(f64::NEG_INFINITY, |a, x| a.max(x[axis]));
+        low(other) - high(one) >= distance || low(one) - high(other) >= distance
+    })
+}
+
 fn combine(x: &Quad, beta: &[f64; 4]) -> Vector3<f64> {
     x[0] * beta[0] + x[1] * beta[1] + x[2] * beta[2] + x[3] * beta[3]
 }

@@ -1,7 +1,7 @@
 //! The list of pairs that may be felt, kept while nothing has moved far.
 
 use super::broad::{Motion, Near, near};
-use super::distance::Nearest;
+use super::distance::{Nearest, boxes_apart};
 use super::topology::{Pair, Topology};
 use nalgebra::Vector3;
 
@@ -43,7 +43,11 @@ impl PairList {
         let keep = |near: Near| {
             // Few of those whose boxes meet are near, and looking costs less than what a pair takes.
             let (kind, points) = topology.points_of(near)?;
-            let nearest = Nearest::of(kind, &points.map(|p| x[p as usize]));
+            let at = points.map(|p| x[p as usize]);
+            if boxes_apart(kind, &at, dhat + margin) {
+                return None;
+            }
+            let nearest = Nearest::of(kind, &at);
             let distance = nearest.squared().sqrt();
             if distance >= dhat + margin {
                 return None;
