@@ -42,7 +42,7 @@ pub(crate) struct Problem {
     pub(crate) element_size: f64,
     /// Energy per volume for a unit misfit.
     pub(crate) elastic_stiffness: f64,
-    /// Factors on that per element, where they differ.
+    /// Factors on that per element for preconditioners, friction among it; absent where they are 1.
     pub(crate) stiffness: Option<Vec<f64>>,
     /// Scales of the actuation, where they differ.
     pub(crate) activation: Option<Activation>,
@@ -66,7 +66,8 @@ impl Problem {
             anchored,
             may_float,
             elastic_stiffness,
-            stiffness,
+            mut stiffness,
+            viscous,
             activation,
             inertia,
         } = build(mesh, surface, specs)?;
@@ -96,6 +97,11 @@ impl Problem {
             effect_bytes: effects.iter().map(|e| e.bytes()).chain(of_fields).sum(),
             ..Work::default()
         };
+        if viscous > 0.0 {
+            let factors = stiffness.get_or_insert_with(|| vec![1.0; mesh.elements().len()]);
+            let more = viscous / elastic_stiffness;
+            factors.iter_mut().for_each(|factor| *factor += more);
+        }
         Ok(Self {
             effects,
             floating,

@@ -1,15 +1,13 @@
 //! One suite that every effect keeps: gradient, Hessian product, symmetry, parameter derivatives, majorisation.
 
 mod common;
-#[path = "common/skin.rs"]
-mod skin;
 
 use common::{Numbers, boundary, difference, dot, elasticity, held, nodes_where};
 use hex_mesh::{HexMesh, NodeRegion, Quadrature};
 use nalgebra::Vector3;
 use pd_solver::{
-    AdjointOptions, EffectSpec, ElementSet, Method, NodeSet, Obstacle, Parameters, SolveOptions, Solver,
-    SpringPoints, Status, Stop, TimeScheme,
+    AdjointOptions, EffectSpec, ElementSet, Method, NodeSet, Obstacle, Parameters, SolveOptions,
+    Solver, SpringPoints, Status, Stop, TimeScheme,
 };
 
 /// The body, its solver, and parameters and a state away from any special place.

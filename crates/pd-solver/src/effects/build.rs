@@ -29,6 +29,8 @@ pub(crate) struct Batches {
     pub(crate) elastic_stiffness: f64,
     /// Factors on that per element, where they differ.
     pub(crate) stiffness: Option<Vec<f64>>,
+    /// Viscosity over the step that is solved for: the stiffness of friction, which is that of elasticity where rotations follow.
+    pub(crate) viscous: f64,
     /// Scales of the actuation per element, where they differ.
     pub(crate) activation: Option<Vec<f64>>,
     /// How the body steps in time, where it does.
@@ -83,6 +85,7 @@ pub(crate) fn build(
             may_float: false,
             elastic_stiffness: 0.0,
             stiffness: None,
+            viscous: 0.0,
             activation: None,
             inertia: None,
             rest: Parameters {
@@ -231,6 +234,7 @@ impl Builder<'_> {
                         .ok_or(SolverError::Excluded { index, kind, why })?;
                 out.rest.before = mesh.nodes().to_vec();
                 let damping = Damping::new(mesh, *viscosity, stepping);
+                out.viscous = viscosity / stepping.solved_step();
                 out.effects.push(Box::new(damping));
             }
             EffectSpec::Contact {

@@ -47,7 +47,12 @@ fn rate(f: &Matrix3<f64>, df: &Matrix3<f64>) -> Matrix3<f64> {
 }
 
 impl Effect for Damping {
-    fn add_constant(&self, _matrix: &mut ConstantMatrix) {}
+    /// No bound, but what it is at rest and for stretches about 1.
+    fn add_constant(&self, matrix: &mut ConstantMatrix) {
+        for (nodes, g) in self.mean.forms() {
+            matrix.add_block(nodes, |a, b| self.weight * g[a].dot(&g[b]));
+        }
+    }
 
     fn is_bounded(&self) -> bool {
         false
@@ -95,6 +100,10 @@ impl Effect for Damping {
 
     fn coarsen(&self, _view: &CoarseView) -> Option<Box<dyn Effect>> {
         None
+    }
+
+    fn largest_diagonal(&self) -> f64 {
+        self.mean.largest_diagonal(self.weight)
     }
 
     fn bytes(&self) -> usize {

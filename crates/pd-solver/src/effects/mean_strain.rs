@@ -36,6 +36,11 @@ impl MeanStrain {
         self.elements.iter().map(|nodes| (nodes, &self.gradients))
     }
 
+    /// About the largest diagonal entry of a matrix of `weight` times these forms: eight elements meet in a node.
+    pub(super) fn largest_diagonal(&self, weight: f64) -> f64 {
+        8.0 * weight * self.gradients[0].norm_squared()
+    }
+
     /// Writes `of(e, F_e)` for every element.
     pub(super) fn map<T: Send>(
         &self,

@@ -79,8 +79,7 @@ impl Effect for Volume {
     }
 
     fn largest_diagonal(&self) -> f64 {
-        let (_, g) = self.mean.forms().next().expect("a body has elements");
-        8.0 * self.weight * g[0].norm_squared()
+        self.mean.largest_diagonal(self.weight)
     }
 
     fn projections(&self) -> u64 {

@@ -5,7 +5,6 @@
 use hex_mesh::{HexMesh, Quadrature};
 use nalgebra::Vector3;
 use pd_solver::EmbeddedSurface;
-use std::collections::BTreeMap;
 
 /// Vertices and triangles.
 pub type Sheet<'a> = (&'a [Vector3<f64>], &'a [[u32; 3]]);
@@ -28,63 +27,7 @@ pub fn lattice(cells: Vec<[i32; 3]>, size: f64) -> HexMesh {
 
 /// The boundary of a body, each face of a cell as two triangles.
 pub fn skin(mesh: &HexMesh) -> EmbeddedSurface {
-    const FACES: [[usize; 3]; 6] = [
-        [0, 1, 2],
-        [0, 1, 2],
-        [1, 2, 0],
-        [1, 2, 0],
-        [2, 0, 1],
-        [2, 0, 1],
-    ];
-    let mut count: BTreeMap<Vec<u32>, usize> = BTreeMap::new();
-    let mut faces = Vec::new();
-    for nodes in mesh.elements() {
-        for (face, [axis, a, b]) in FACES.iter().enumerate() {
-            let at = |n: u32| mesh.nodes()[n as usize];
-            let middle: Vector3<f64> = nodes.iter().map(|&n| at(n)).sum::<Vector3<f64>>() / 8.0;
-            let sign = if face % 2 == 0 { 1.0 } else { -1.0 };
-            let on_face = |s: f64, t: f64| {
-                let found = nodes.iter().find(|&&n| {
-                    let d = at(n) - middle;
-                    d[*axis] * sign > 0.0 && d[*a] * s > 0.0 && d[*b] * t > 0.0
-                });
-                *found.expect("a corner")
-            };
-            let mut quad = [
-                on_face(-1.0, -1.0),
-                on_face(1.0, -1.0),
-                on_face(1.0, 1.0),
-                on_face(-1.0, 1.0),
-            ];
-            if sign < 0.0 {
-                quad.reverse();
-            }
-            let mut key = quad.to_vec();
-            key.sort_unstable();
-            *count.entry(key.clone()).or_default() += 1;
-            faces.push((quad, key));
-        }
-    }
-    let mut number: BTreeMap<u32, u32> = BTreeMap::new();
-    let mut points = Vec::new();
-    let mut triangles = Vec::new();
-    for (quad, key) in faces {
-        if count[&key] > 1 {
-            continue;
-        }
-        let [a, b, c, d] = quad.map(|n| {
-            *number.entry(n).or_insert_with(|| {
-                points.push(mesh.nodes()[n as usize]);
-                points.len() as u32 - 1
-            })
-        });
-        triangles.extend([[a, b, c], [a, c, d]]);
-    }
-    let embedded = hex_mesh::embed(mesh, &points).expect("finite");
-    EmbeddedSurface {
-        points: embedded.vertices().to_vec(),
-        triangles,
-    }
+    EmbeddedSurface::boundary(mesh)
 }
 
 /// Pairs of triangles that cross: of the surface with itself, or with an obstacle. Each edge of either against the other, by signed volumes, for

@@ -62,8 +62,14 @@ pub(super) fn deep_start() -> Finding {
     finding.require(gap.is_some_and(|gap| gap > 0.0 && gap < DISTANCE), || {
         format!("rests at a distance of {gap:?}")
     });
-    let floor = solution.positions.iter().map(|x| x.z).fold(f64::INFINITY, f64::min);
-    finding.require(floor > -1e-3 * DISTANCE, || "passed through the floor".into());
+    let floor = solution
+        .positions
+        .iter()
+        .map(|x| x.z)
+        .fold(f64::INFINITY, f64::min);
+    finding.require(floor > -1e-3 * DISTANCE, || {
+        "passed through the floor".into()
+    });
     let gradient = gradient_holds(&mut body, &parameters, &solution, Method::Newton);
     finding.merge(gradient);
     finding
