@@ -11,7 +11,7 @@ use pd_solver::{
     AdjointOptions, EffectSpec, Method, NodeSet, Obstacle, Parameters, Solution, SolveOptions,
     Solver, SolverError, SpringPoints, Status, Stop,
 };
-use skin::{block, crossings, lattice, skin};
+use skin::{block, crossings, lattice, skin, stamp};
 
 const DISTANCE: f64 = 0.05;
 
@@ -145,18 +145,6 @@ fn a_block_is_set_on_another_and_they_stay_apart() {
     let mut without = Solver::on_surface(&mesh, &surface, &effects[..3]).unwrap();
     let through = without.solve(&parameters, None, &options).unwrap();
     assert!(crossings(&surface, &mesh, &through.positions, None) > 0);
-}
-
-/// A box-shaped obstacle between two corners.
-fn stamp(low: [f64; 3], high: [f64; 3], n: i32) -> (Vec<[f64; 3]>, Vec<[u32; 3]>) {
-    let mesh = lattice(block([0, 0, 0], [n, n, n]), 1.0 / f64::from(n));
-    let surface = skin(&mesh);
-    let vertices = surface.points.iter().map(|p| {
-        let corners = mesh.elements()[p.element as usize].iter().zip(&p.weights);
-        let x: Vector3<f64> = corners.map(|(&n, w)| mesh.nodes()[n as usize] * *w).sum();
-        std::array::from_fn(|k| low[k] + (high[k] - low[k]) * x[k])
-    });
-    (vertices.collect(), surface.triangles)
 }
 
 /// A cube held at its base and a stamp above it.

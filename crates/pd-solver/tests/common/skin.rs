@@ -30,6 +30,18 @@ pub fn skin(mesh: &HexMesh) -> EmbeddedSurface {
     EmbeddedSurface::boundary(mesh)
 }
 
+/// A box-shaped obstacle between two corners.
+pub fn stamp(low: [f64; 3], high: [f64; 3], n: i32) -> (Vec<[f64; 3]>, Vec<[u32; 3]>) {
+    let mesh = lattice(block([0, 0, 0], [n, n, n]), 1.0 / f64::from(n));
+    let surface = skin(&mesh);
+    let vertices = surface.points.iter().map(|p| {
+        let corners = mesh.elements()[p.element as usize].iter().zip(&p.weights);
+        let x: Vector3<f64> = corners.map(|(&n, w)| mesh.nodes()[n as usize] * *w).sum();
+        std::array::from_fn(|k| low[k] + (high[k] - low[k]) * x[k])
+    });
+    (vertices.collect(), surface.triangles)
+}
+
 /// Pairs of triangles that cross: of the surface with itself, or with an obstacle. Each edge of either against the other, by signed volumes, for
 /// triangles without a common corner.
 pub fn crossings(
