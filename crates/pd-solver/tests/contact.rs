@@ -488,3 +488,41 @@ fn what_contact_costs() {
         }
     }
 }
+
+/// Pressures between flat faces of several finenesses, in units of that above a plane.
+#[test]
+fn pressures_between_faces_are_as_documented() {
+    let measured = |n: i32, gap: f64, shift: [f64; 2]| {
+        let mesh = two_blocks(n, 1);
+        let surface = skin(&mesh);
+        let ends = nodes_where(&mesh, |x| x.z == 0.0 || x.z > 2.0 + 0.5 / f64::from(n));
+        let effects = [elasticity(), held(ends), contact(true, vec![])];
+        let mut solver = Solver::on_surface(&mesh, &surface, &effects).unwrap();
+        let rest = mesh.nodes().iter();
+        let down = gap - 1.0 / f64::from(n);
+        let moved = rest.map(|x| match x.z > 1.0 + 0.5 / f64::from(n) {
+            true => x + Vector3::new(shift[0], shift[1], down),
+            false => *x,
+        });
+        let u: Vec<_> = moved.collect();
+        let parameters = solver.rest_parameters();
+        let (_, gradient) = solver.energy_gradient(&parameters, &u).unwrap();
+        let below = mesh.nodes().iter().zip(&gradient);
+        let force: f64 = below.filter(|(x, _)| x.z < 1.01).map(|(_, g)| g.z).sum();
+        let t = gap / DISTANCE;
+        force.abs() / ((1.0 - t) * (1.0 - t) / t - 2.0 * (1.0 - t) * t.ln())
+    };
+    for n in [2, 4, 8, 16] {
+        let h = 1.0 / f64::from(n);
+        // Coarser than the barrier's distance, and next to it.
+        let most = if DISTANCE < 0.45 * h { 2.0 } else { 4.0 };
+        for share in [0.2, 0.5, 0.8] {
+            let aligned = measured(n, share * DISTANCE, [0.0, 0.0]);
+            assert!((6.0..10.0).contains(&aligned), "{n}, {share}: {aligned}");
+            for shift in [[0.13 * h, 0.29 * h], [0.5 * h, 0.4 * h]] {
+                let ratio = measured(n, share * DISTANCE, shift);
+                assert!((1.0..most).contains(&ratio), "{n}, {share}: {ratio}");
+            }
+        }
+    }
+}

@@ -2,9 +2,10 @@
 //!
 //! Every vertex near a triangle, every two edges near each other, and every vertex near a plane costs
 //! `area stiffness dhat phi(d / dhat)`, see [`barrier`]. Areas are those at rest: of a vertex a third of its triangles, of an edge a third of the two
-//! beside it; a pair stands for the smaller of its two (twice the triangle's against a vertex; half of that for edges), so that the fineness of
-//! either surface does not count. Between flat faces the pressure at a gap is between one and about four times `-stiffness phi'(gap / dhat)`, and
-//! exactly that above a plane: gaps are between zero and `dhat`, wherever forces are.
+//! beside it; a pair stands for the smaller of its two (twice the triangle's against a vertex; half of that for edges), one of the surface with
+//! itself for a third of that. In units of `-stiffness phi'(gap / dhat)`, the pressure is 1 above a plane. Between flat faces of the surface it was
+//! measured as 1.0 to 2.0 where dhat is at most 0.4 edges, up to 4 at 0.8 edges, and 6 to 10 where vertex lies on vertex exactly, which all triangles around
+//! feel; all that moves are gaps, which are between zero and dhat wherever forces are.
 //!
 //! Nothing is felt at rest of what the surface has of itself: pairs nearer there than dhat get a smaller one of their own, and triangles that pass
 //! through each other at rest are left out of own contact. There is no friction.

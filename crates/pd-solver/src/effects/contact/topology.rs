@@ -10,6 +10,8 @@ use std::collections::BTreeMap;
 const OF_REST: f64 = 0.5;
 /// Distance at rest, in shares of the barrier's, below which two things count as one: seams of a surface whose vertices are doubled.
 const ONE: f64 = 1e-6;
+/// Share of the area that a pair of the surface with itself stands for: faces are seen by the vertices of either, and by edges.
+const OWN: f64 = 1.0 / 3.0;
 /// Triangles stand at least for this share of the mean area, and edges are at least this share of the mean length.
 const DEGENERATE: f64 = 1e-3;
 /// The share of `|e1|^2 |e2|^2` at rest below which edges are nearly parallel (Li et al. 2020).
@@ -153,9 +155,13 @@ impl Topology {
             return None;
         }
         let dhat = self.begins(kind, &points)?;
+        let share = match points.iter().all(|&p| self.is_own(p)) {
+            true => OWN,
+            false => 1.0,
+        };
         let barrier = Barrier {
             kind,
-            strength: self.stiffness * area,
+            strength: self.stiffness * area * share,
             dhat,
             parallel,
         };
