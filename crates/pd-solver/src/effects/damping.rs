@@ -47,12 +47,8 @@ fn rate(f: &Matrix3<f64>, df: &Matrix3<f64>) -> Matrix3<f64> {
 }
 
 impl Effect for Damping {
-    /// No bound, but what it is at rest and for stretches about 1.
-    fn add_constant(&self, matrix: &mut ConstantMatrix) {
-        for (nodes, g) in self.mean.forms() {
-            matrix.add_block(nodes, |a, b| self.weight * g[a].dot(&g[b]));
-        }
-    }
+    /// Nothing: the constant matrix resists rotations as much as strain, which friction does not. A cycle knows of it.
+    fn add_constant(&self, _matrix: &mut ConstantMatrix) {}
 
     fn is_bounded(&self) -> bool {
         false
