@@ -67,7 +67,7 @@ pub(super) fn write(
         times: frames.iter().map(|f| f.time).collect(),
         smooth: true,
     };
-    write_animated_glb(&folder.join("animation.glb"), &morphed, &animation)?;
+    write_animated_glb(folder.join("animation.glb"), &morphed, &animation)?;
     let numbers = Numbers {
         scene: &scene.name,
         unit: &scene.unit,
@@ -107,7 +107,7 @@ fn sheet(
     if let Some(view) = motion.view {
         direction = view.into();
     }
-    let camera = Camera::framing(&framed, direction, up)?;
+    let camera = Camera::framing(framed.iter(), direction, up)?;
     let mut sheet = ContactSheet::new(scene.name.clone(), camera)
         .columns(frames.len())
         .panel_width(PANEL_WIDTH);

@@ -54,7 +54,7 @@ impl Folder {
     }
 
     fn error(&self, text: &str) -> String {
-        self.simulate(text).err().expect("refused").to_string()
+        self.simulate(text).expect_err("refused").to_string()
     }
 }
 
@@ -93,12 +93,11 @@ fn effects_are_left_out_beside() {
         panic!("two variants");
     };
     let farthest = |v: &Variant, i: usize| {
-        let away = v.frames[i]
+        v.frames[i]
             .surface
             .iter()
             .map(|x| x.z)
-            .fold(f64::INFINITY, f64::min);
-        away
+            .fold(f64::INFINITY, f64::min)
     };
     assert!((farthest(without, 1) - 1.0).abs() < 1e-3);
     assert!(farthest(with, 1) < 0.9, "{}", farthest(with, 1));
