@@ -142,7 +142,7 @@ struct ChangeArgs {
     /// How far any node may be from its place, such as "0.05 mm"; a bare number is in the scene's unit.
     #[arg(long, value_name = "LENGTH", allow_hyphen_values = true)]
     accuracy: Option<Length>,
-    /// A TOML file of more [[effects]], such as contact, pressure or weight, and [[motion.key]]s that move what is held and scale loads.
+    /// A TOML file of more effects, such as contact, pressure or weight, and of a motion whose keys move what is held and scale loads.
     #[arg(long, value_name = "FILE.toml")]
     effects: Option<PathBuf>,
     /// Frames of a performance follow one another in time: needs an `inertia` among the effects, whose time step divides a frame.
@@ -188,7 +188,7 @@ struct CompareArgs {
 
 #[derive(Args)]
 struct SimulateArgs {
-    /// Scene file with a [motion].
+    /// Scene file with a motion.
     scene: PathBuf,
     /// Folder that the scene's files are relative to (that of the scene file unless given).
     #[arg(long, value_name = "DIR")]

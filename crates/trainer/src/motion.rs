@@ -7,7 +7,7 @@ use pd_solver::EffectSpec;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
-/// The `[motion]` of a scene.
+/// The motion of a scene, its table `motion`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct MotionSettings {
