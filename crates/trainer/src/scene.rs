@@ -1,13 +1,16 @@
 //! Scene files: what a body is made of, which shapes it is to learn, and how.
 
+mod effects;
+
 use crate::error::{Result, TrainerError, file_error, suggestion};
 use crate::generated::Solid;
 use crate::motion::MotionSettings;
 use crate::rig::{BoneSettings, JawSettings};
 use crate::units::Length;
 use actuation_net::Width;
+pub use effects::Places;
 use hex_mesh::NodeRegion;
-use pd_solver::{EffectSpec, Method, SolverError};
+use pd_solver::{EffectSpec, Method};
 use scene_shapes::{StarfishPose, StarfishShape};
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
@@ -51,7 +54,7 @@ pub struct Scene {
     pub effects: Vec<EffectSpec>,
     /// File and line of each effect, for messages.
     #[serde(skip)]
-    pub effect_places: Vec<String>,
+    pub effect_places: Places,
     /// The network.
     #[serde(default)]
     pub network: NetworkSettings,
@@ -401,76 +404,9 @@ impl Scene {
         }
         let mut scene: Self =
             toml::from_str(text).map_err(|error| syntax_error(text, path, &error))?;
-        scene.effect_places = effect_places(text, path);
+        scene.effect_places = Places::of(text, path);
         scene.check(path)?;
         Ok(scene)
-    }
-
-    /// What the solver says of an effect, with the place of the effect where it is known.
-    pub(crate) fn effect_error(&self, source: SolverError) -> TrainerError {
-        let place = source
-            .effect()
-            .and_then(|index| self.effect_places.get(index));
-        match place {
-            Some(place) => TrainerError::Effect {
-                place: place.clone(),
-                source,
-            },
-            None => source.into(),
-        }
-    }
-
-    /// The same scene without the effects of some kinds.
-    #[must_use]
-    pub fn without(&self, kinds: &[String]) -> Self {
-        let mut scene = self.clone();
-        let keep: Vec<bool> = { self.effects.iter() }
-            .map(|e| !kinds.iter().any(|kind| kind == e.kind()))
-            .collect();
-        let mut kept = keep.iter();
-        scene.effects.retain(|_| *kept.next().unwrap_or(&true));
-        let mut kept = keep.iter();
-        scene
-            .effect_places
-            .retain(|_| *kept.next().unwrap_or(&true));
-        scene
-    }
-
-    /// The same scene at rest in every frame: without inertia and damping.
-    #[must_use]
-    pub fn still(&self) -> Self {
-        self.without(&["inertia".into(), "damping".into()])
-    }
-
-    /// Adds the effects of a file, and takes the keys of its motion where it has some; the file holds nothing else.
-    ///
-    /// # Errors
-    /// When the file cannot be read, does not parse, or its motion makes no sense.
-    pub fn add_effects(&mut self, path: &Path) -> Result<()> {
-        #[derive(Deserialize)]
-        #[serde(deny_unknown_fields)]
-        struct Effects {
-            #[serde(default)]
-            effects: Vec<EffectSpec>,
-            motion: Option<MotionSettings>,
-        }
-        let text = std::fs::read_to_string(path).map_err(file_error("read the effects", path))?;
-        let more: Effects =
-            toml::from_str(&text).map_err(|error| syntax_error(&text, path, &error))?;
-        self.effects.extend(more.effects);
-        self.effect_places.extend(effect_places(&text, path));
-        if let Some(motion) = more.motion {
-            if let Some((key, value, mend)) = motion.problem(&self.effects) {
-                return Err(TrainerError::SceneValue {
-                    path: path.to_path_buf(),
-                    key,
-                    value,
-                    mend,
-                });
-            }
-            self.motion = Some(motion);
-        }
-        Ok(())
     }
 
     fn check(&self, path: &Path) -> Result<()> {
@@ -577,18 +513,6 @@ impl Scene {
         }
         Ok(())
     }
-}
-
-/// File and line of each effect of a scene.
-fn effect_places(text: &str, path: &Path) -> Vec<String> {
-    let lines = text.lines().enumerate();
-    let effects = lines.filter(|(_, line)| {
-        let compact: String = line.chars().filter(|c| !c.is_whitespace()).collect();
-        compact.starts_with("[[effects]]")
-    });
-    effects
-        .map(|(i, _)| format!("{}:{}", path.display(), i + 1))
-        .collect()
 }
 
 /// toml's own message, shortened to its first line, with the line number and the nearest known key.
