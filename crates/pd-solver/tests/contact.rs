@@ -518,7 +518,7 @@ fn pressures_between_faces_are_as_documented() {
         let most = if DISTANCE < 0.45 * h { 2.0 } else { 4.0 };
         for share in [0.2, 0.5, 0.8] {
             let aligned = measured(n, share * DISTANCE, [0.0, 0.0]);
-            assert!((6.0..10.0).contains(&aligned), "{n}, {share}: {aligned}");
+            assert!((6.0..10.5).contains(&aligned), "{n}, {share}: {aligned}");
             for shift in [[0.13 * h, 0.29 * h], [0.5 * h, 0.4 * h]] {
                 let ratio = measured(n, share * DISTANCE, shift);
                 assert!((1.0..most).contains(&ratio), "{n}, {share}: {ratio}");
