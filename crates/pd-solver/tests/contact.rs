@@ -515,13 +515,13 @@ fn pressures_between_faces_are_as_documented() {
     for n in [2, 4, 8, 16] {
         let h = 1.0 / f64::from(n);
         // Coarser than the barrier's distance, and next to it.
-        let most = if DISTANCE < 0.45 * h { 2.0 } else { 4.0 };
+        let most = if DISTANCE < 0.45 * h { 2.2 } else { 4.0 };
         for share in [0.2, 0.5, 0.8] {
             let aligned = measured(n, share * DISTANCE, [0.0, 0.0]);
             assert!((6.0..10.5).contains(&aligned), "{n}, {share}: {aligned}");
             for shift in [[0.13 * h, 0.29 * h], [0.5 * h, 0.4 * h]] {
                 let ratio = measured(n, share * DISTANCE, shift);
-                assert!((1.0..most).contains(&ratio), "{n}, {share}: {ratio}");
+                assert!((0.9..most).contains(&ratio), "{n}, {share}: {ratio}");
             }
         }
     }
