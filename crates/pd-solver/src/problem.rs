@@ -384,18 +384,21 @@ impl Problem {
     /// differences of positions, which have the roundoff of their size. Free nodes of a start may be anywhere and say nothing.
     pub(crate) fn gradient_floor(&self, u: &[Vector3<f64>]) -> f64 {
         let stiffest: f64 = self.effects.iter().map(|e| e.largest_diagonal()).sum();
-        let held = self.prescribed.iter().map(|&n| u[n as usize].norm());
-        let of_positions = POSITION_ROUNDOFF * held.fold(max_norm(&self.rest), f64::max);
+        let of_positions = POSITION_ROUNDOFF * self.extent(u);
         let length = (1e-15 * self.element_size).max(of_positions);
         length * stiffest * (self.len() as f64).sqrt()
+    }
+
+    /// How far from the origin rest reaches, and the held nodes where they are in `u`.
+    fn extent(&self, u: &[Vector3<f64>]) -> f64 {
+        let held = self.prescribed.iter().map(|&n| u[n as usize].norm());
+        held.fold(max_norm(&self.rest), f64::max)
     }
 
     /// Whether the energy falls without end, as under a pressure that no wall can bear, and `u` is how far that went: a stall there is no place where
     /// floating point tells no more, but the end of its range.
     pub(crate) fn ran_away(&self, u: &[Vector3<f64>]) -> bool {
-        let held = self.prescribed.iter().map(|&n| u[n as usize].norm());
-        let proportion = held.fold(max_norm(&self.rest), f64::max);
-        !self.is_bounded() && max_norm(u) > AWAY * proportion
+        !self.is_bounded() && max_norm(u) > AWAY * self.extent(u)
     }
 
     /// Searches of contact for what is near so far.
