@@ -12,6 +12,7 @@ mod printable;
 mod read;
 mod report;
 mod self_intersections;
+mod separate;
 mod surface;
 mod whole_file;
 
@@ -29,4 +30,5 @@ pub use printable::printable;
 pub use read::read_surface;
 pub use report::{Component, Edge, SurfaceReport, report};
 pub use self_intersections::self_intersections;
+pub use separate::{Separation, separate};
 pub use surface::Surface;

@@ -11,57 +11,70 @@ use nalgebra::Vector3;
 /// When a triangle names a vertex that does not exist.
 pub fn self_intersections(vertices: &[Vector3<f64>], triangles: &[[u32; 3]]) -> Vec<[u32; 2]> {
     let corners = |t: u32| triangles[t as usize].map(|v| vertices[v as usize]);
-    let boxes: Vec<[Vector3<f64>; 2]> = (0..triangles.len() as u32)
+    let mut pairs = Vec::new();
+    for_overlapping(vertices, triangles, |one, other| {
+        let (ta, tb) = (triangles[one as usize], triangles[other as usize]);
+        if ta.iter().any(|v| tb.contains(v)) {
+            return;
+        }
+        let (a, b) = (corners(one), corners(other));
+        if pierces(&a, &b) || pierces(&b, &a) {
+            pairs.push([one.min(other), one.max(other)]);
+        }
+    });
+    pairs.sort_unstable();
+    pairs
+}
+
+/// Calls `visit` with all pairs of triangles whose boxes meet, each pair once.
+pub(crate) fn for_overlapping(
+    vertices: &[Vector3<f64>],
+    triangles: &[[u32; 3]],
+    mut visit: impl FnMut(u32, u32),
+) {
+    let boxes: Vec<[Vector3<f64>; 2]> = triangles
+        .iter()
         .map(|t| {
-            let [a, b, c] = corners(t);
+            let [a, b, c] = t.map(|v| vertices[v as usize]);
             [a.inf(&b).inf(&c), a.sup(&b).sup(&c)]
         })
         .collect();
     let joined =
         |[low, high]: [Vector3<f64>; 2], [l, h]: [Vector3<f64>; 2]| [low.inf(&l), high.sup(&h)];
     let Some(whole) = boxes.iter().copied().reduce(joined) else {
-        return Vec::new();
+        return;
     };
     let axis = (whole[1] - whole[0]).imax();
     let mut order: Vec<u32> = (0..triangles.len() as u32).collect();
     let start = |t: u32| boxes[t as usize][0][axis];
     order.sort_unstable_by(|&a, &b| start(a).total_cmp(&start(b)).then(a.cmp(&b)));
-    let mut pairs = Vec::new();
     for (i, &one) in order.iter().enumerate() {
         let [low, high] = boxes[one as usize];
         let later = order[i + 1..].iter().copied();
         for other in later.take_while(|&t| start(t) <= high[axis]) {
             let [l, h] = boxes[other as usize];
-            let apart = (0..3).any(|k| h[k] < low[k] || high[k] < l[k]);
-            if apart || share_vertex(triangles[one as usize], triangles[other as usize]) {
-                continue;
-            }
-            let (a, b) = (corners(one), corners(other));
-            if pierces(&a, &b) || pierces(&b, &a) {
-                pairs.push([one.min(other), one.max(other)]);
+            if (0..3).all(|k| h[k] >= low[k] && high[k] >= l[k]) {
+                visit(one, other);
             }
         }
     }
-    pairs.sort_unstable();
-    pairs
-}
-
-fn share_vertex(a: [u32; 3], b: [u32; 3]) -> bool {
-    a.iter().any(|v| b.contains(v))
 }
 
 /// Whether an edge of `a` passes through the inside of `b`.
 fn pierces(a: &[Vector3<f64>; 3], b: &[Vector3<f64>; 3]) -> bool {
-    let side = a.map(|p| volume(&b[0], &b[1], &b[2], &p));
-    (0..3).any(|i| {
-        let j = (i + 1) % 3;
-        if side[i] * side[j] >= 0.0 {
-            return false;
-        }
-        let around: [f64; 3] =
-            std::array::from_fn(|k| volume(&a[i], &a[j], &b[k], &b[(k + 1) % 3]));
-        around.iter().all(|&v| v > 0.0) || around.iter().all(|&v| v < 0.0)
-    })
+    (0..3).any(|i| edge_pierces(&[a[i], a[(i + 1) % 3]], b))
+}
+
+/// Whether an edge passes through the inside of a triangle.
+pub(crate) fn edge_pierces(edge: &[Vector3<f64>; 2], triangle: &[Vector3<f64>; 3]) -> bool {
+    let [a, b, c] = triangle;
+    let side = edge.map(|p| volume(a, b, c, &p));
+    if side[0] * side[1] >= 0.0 {
+        return false;
+    }
+    let around: [f64; 3] =
+        std::array::from_fn(|k| volume(&edge[0], &edge[1], &triangle[k], &triangle[(k + 1) % 3]));
+    around.iter().all(|&v| v > 0.0) || around.iter().all(|&v| v < 0.0)
 }
 
 /// Six times the signed volume of a tetrahedron.

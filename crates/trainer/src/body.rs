@@ -2,6 +2,7 @@
 
 use crate::actuator::Points;
 use crate::error::{Result, TrainerError};
+use crate::progress::note;
 use crate::rig::{Bone, Rig};
 use crate::scene::{ActuationPer, MeshSettings, Scene, SurfaceSource};
 use crate::weights::vertex_weights;
@@ -12,7 +13,7 @@ use hex_mesh::{
 };
 use nalgebra::Vector3;
 use pd_solver::{EffectSpec, EmbeddedSurface, NodeSet, Solver, deformation_gradients};
-use surface_mesh::Surface;
+use surface_mesh::{Separation, Surface, separate};
 
 /// A surface with its voxels.
 pub struct Body {
@@ -51,6 +52,7 @@ impl Body {
             samples,
             actuation: ActuationPer::Sample,
             cover_thin: false,
+            separate: false,
         };
         Self::with_bones(name, surface, &Rig::default(), &settings)
     }
@@ -65,6 +67,10 @@ impl Body {
             SurfaceSource::Starfish(_) | SurfaceSource::Solid(_) => scene.name.clone(),
         };
         let settings = scene.mesh.resized(element_size);
+        let surface = match settings.separate {
+            true => separated(&surface, &scene.unit)?,
+            false => surface,
+        };
         let weights = vertex_weights(&surface, scene)?;
         Ok(Self {
             vertex_weights: weights,
@@ -240,6 +246,27 @@ impl Body {
         let elements = gradients.chunks(samples);
         elements.filter(|e| e.iter().any(inverted)).count()
     }
+}
+
+/// The surface, moved apart where it passes through itself.
+fn separated(surface: &Surface, unit: &str) -> Result<Surface> {
+    let (apart, done) = separate(surface)?;
+    if done.before > 0 {
+        let Separation {
+            before,
+            after,
+            moved,
+            farthest,
+        } = done;
+        let mut message = format!(
+            "{before} edges of the surface passed through others of its triangles: {moved} vertices were moved by at most {farthest:.2e} {unit}"
+        );
+        if after > 0 {
+            message += &format!("; {after} still do");
+        }
+        note(&message);
+    }
+    Ok(apart)
 }
 
 /// Maps points so that the surface's bounding box is centred at 0 and its longest side spans [-1, 1]: the network sees the same

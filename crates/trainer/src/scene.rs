@@ -154,6 +154,10 @@ pub struct MeshSettings {
     /// Whether parts thinner than an element, such as fingers, get elements too; their skin hangs on flesh nearby otherwise.
     #[serde(default)]
     pub cover_thin: bool,
+    /// Whether the neutral surface is moved apart where it passes through itself a little, as faces do in the corners of the mouth:
+    /// contact leaves those places out otherwise. See [`surface_mesh::separate`].
+    #[serde(default)]
+    pub separate: bool,
 }
 
 /// What has an actuation of its own.
