@@ -67,6 +67,14 @@ pub enum SolverError {
         /// What was to be selected.
         what: &'static str,
     },
+    /// A name that whoever reads the list of effects was to put something in place of.
+    #[error("effect {index}: nothing is known by the name `{name}`")]
+    Unnamed {
+        /// Position in the list of effects.
+        index: usize,
+        /// The name.
+        name: String,
+    },
     /// An effect that acts on the surface, of a solver that knows none.
     #[error(
         "effect {index} (`{kind}`) acts on the surface: build the solver with one, by `Solver::on_surface`"
@@ -193,6 +201,7 @@ impl SolverError {
             | Self::Region { index, .. }
             | Self::EmptyRegion { index, .. }
             | Self::NoSurface { index, .. }
+            | Self::Unnamed { index, .. }
             | Self::OpenCavity { index, .. }
             | Self::Excluded { index, .. }
             | Self::Intersects { index, .. } => Some(*index),

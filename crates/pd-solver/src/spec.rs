@@ -1,14 +1,12 @@
 //! What a caller writes: the list of effects that a scene calls for.
 
+mod given;
+
 use crate::error::SolverError;
 use crate::parameters::check_array;
 use hex_mesh::{EmbeddedPoint, HexMesh, NodeRegion};
 use nalgebra::Vector3;
-use serde::de::value::{MapAccessDeserializer, SeqAccessDeserializer};
-use serde::de::{MapAccess, SeqAccess, Visitor};
 use serde::{Deserialize, Deserializer, Serialize};
-use std::fmt::Formatter;
-use std::marker::PhantomData;
 
 /// One effect of a scene. What is not listed allocates nothing, adds no matrix entry, and has no branch in any loop.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -132,9 +130,14 @@ pub enum TimeScheme {
     Midpoint,
 }
 
-/// A body that does not give way.
+/// A body that does not give way. In a file it may be a name alone, for [`Obstacle::Named`].
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(tag = "type", rename_all = "snake_case", deny_unknown_fields)]
+#[serde(
+    tag = "type",
+    rename_all = "snake_case",
+    deny_unknown_fields,
+    remote = "Self"
+)]
 pub enum Obstacle {
     /// Everything below a plane: the body stays where `normal . x >= offset`.
     Plane {
@@ -150,6 +153,11 @@ pub enum Obstacle {
         /// Triangles, by three vertices.
         triangles: Vec<[u32; 3]>,
     },
+    /// A surface that whoever reads the list of effects knows by name, and puts in place of it; a solver refuses it.
+    Named {
+        /// Its name.
+        name: String,
+    },
 }
 
 /// Elements by a part of space, or painted.
@@ -160,6 +168,8 @@ pub enum ElementSet {
     Region(NodeRegion),
     /// A share per element, from 0 for outside to 1 for inside.
     Painted(Vec<f64>),
+    /// Shares that whoever reads the list of effects knows by name, and puts in place of it; a solver refuses it.
+    Named(String),
 }
 
 impl EffectSpec {
@@ -210,52 +220,6 @@ pub enum NodeSet {
     Indices(Vec<u32>),
     /// All nodes in a region, by rising index.
     Region(NodeRegion),
-}
-
-// Not derived: serde's own error for an untagged enum does not tell what is wrong with a region.
-impl<'de> Deserialize<'de> for NodeSet {
-    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
-        Ok(
-            match list_or_region(deserializer, "a list of node indices")? {
-                Ok(list) => Self::Indices(list),
-                Err(region) => Self::Region(region),
-            },
-        )
-    }
-}
-
-impl<'de> Deserialize<'de> for ElementSet {
-    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
-        Ok(match list_or_region(deserializer, "a share per element")? {
-            Ok(list) => Self::Painted(list),
-            Err(region) => Self::Region(region),
-        })
-    }
-}
-
-/// A list, or else a region.
-fn list_or_region<'de, T: Deserialize<'de>, D: Deserializer<'de>>(
-    deserializer: D,
-    list: &'static str,
-) -> Result<Result<Vec<T>, NodeRegion>, D::Error> {
-    struct ListOrTable<T>(&'static str, PhantomData<T>);
-    impl<'de, T: Deserialize<'de>> Visitor<'de> for ListOrTable<T> {
-        type Value = Result<Vec<T>, NodeRegion>;
-
-        fn expecting(&self, f: &mut Formatter) -> std::fmt::Result {
-            let example = "{ type = \"box\", min = [..], max = [..] }";
-            write!(f, "a region such as {example}, or {}", self.0)
-        }
-
-        fn visit_seq<A: SeqAccess<'de>>(self, list: A) -> Result<Self::Value, A::Error> {
-            Vec::deserialize(SeqAccessDeserializer::new(list)).map(Ok)
-        }
-
-        fn visit_map<A: MapAccess<'de>>(self, table: A) -> Result<Self::Value, A::Error> {
-            NodeRegion::deserialize(MapAccessDeserializer::new(table)).map(Err)
-        }
-    }
-    deserializer.deserialize_any(ListOrTable(list, PhantomData))
 }
 
 impl NodeSet {
@@ -309,6 +273,10 @@ impl ElementSet {
     pub(crate) fn resolve(&self, mesh: &HexMesh, effect: usize) -> Result<Vec<f64>, SolverError> {
         let count = mesh.elements().len();
         match self {
+            Self::Named(name) => Err(SolverError::Unnamed {
+                index: effect,
+                name: name.clone(),
+            }),
             Self::Painted(shares) => {
                 check_array("elements", shares, count, |share| share.is_finite())?;
                 match shares.iter().find(|s| !(0.0..=1.0).contains(*s)) {

@@ -3,6 +3,7 @@
 use crate::actuator::Points;
 use crate::error::{Result, TrainerError};
 use crate::progress::note;
+use crate::props::Props;
 use crate::rig::{Bone, Rig};
 use crate::scene::{ActuationPer, MeshSettings, Scene, SurfaceSource};
 use crate::weights::vertex_weights;
@@ -13,6 +14,7 @@ use hex_mesh::{
 };
 use nalgebra::Vector3;
 use pd_solver::{EffectSpec, EmbeddedSurface, NodeSet, Solver, deformation_gradients};
+use std::collections::BTreeMap;
 use surface_mesh::{Separation, Surface, separate};
 
 /// A surface with its voxels.
@@ -39,6 +41,10 @@ pub struct Body {
     pub moved_nodes: Vec<u32>,
     /// The joint; absent where nothing moves.
     pub joint: Option<Joint>,
+    /// What effects know by name.
+    pub props: Props,
+    /// The share of every element under each paint.
+    paint: BTreeMap<String, Vec<f64>>,
 }
 
 impl Body {
@@ -164,6 +170,8 @@ impl Body {
             moved_nodes,
             joint: rig.jaw.as_ref().map(|jaw| jaw.joint()),
             report: voxelised.report,
+            props: rig.props.clone(),
+            paint: rig.props.element_shares(&surface, &mesh)?,
             surface,
             mesh,
             embedding,
@@ -175,12 +183,14 @@ impl Body {
         self.middles.as_ref().unwrap_or(&self.samples)
     }
 
-    /// The scene's effects, and the bones. Nodes that the scene prescribes itself stay with the scene.
+    /// The scene's effects, what they name in place of its name, and the bones. Nodes that the scene prescribes itself stay with the scene.
     ///
     /// # Errors
-    /// When a region of the scene does not fit the body.
+    /// When a region of the scene does not fit the body, or an effect names what is not listed.
     pub fn effects(&self, scene: &Scene) -> Result<Vec<EffectSpec>> {
         let mut effects = scene.effects.clone();
+        let place = |i| scene.effect_place(i);
+        self.props.put_into(&mut effects, &self.paint, place)?;
         if self.fixed_nodes.is_empty() && self.moved_nodes.is_empty() {
             return Ok(effects);
         }
@@ -320,7 +330,10 @@ mod tests {
 
     fn body(bones: Vec<Bone>) -> Result<Body> {
         let scene = fixture::scene("");
-        let rig = Rig { bones, jaw: None };
+        let rig = Rig {
+            bones,
+            ..Rig::default()
+        };
         Body::of_scene(&scene, fixture::inputs().surface, &rig, 0.2)
     }
 

@@ -145,13 +145,61 @@ pub enum TrainerError {
         /// What differs and how to mend it.
         problem: String,
     },
-    /// A bone moves, but nothing says where its joint is.
+    /// A bone or an obstacle moves, but nothing says where its joint is.
     #[error(
-        "the bone `{bone}` moves, but the scene does not say how: give `jaw.motions` (a JSON file of its motions) or `jaw.pivot`"
+        "the {what} `{name}` moves, but the scene does not say how: give `jaw.motions` (a JSON file of its motions) or `jaw.pivot`"
     )]
     JawMissing {
-        /// The bone.
-        bone: String,
+        /// `bone` or `obstacle`.
+        what: &'static str,
+        /// What it is called.
+        name: String,
+    },
+    /// An effect names an obstacle or paint that is not listed.
+    #[error(
+        "{place} names the {what} `{name}`, which is not listed{}: list it in a table [[{what}]] with this `name` and a `file`{}",
+        listed(known),
+        suggestion(name, known)
+    )]
+    UnknownProp {
+        /// Where the effect stands.
+        place: String,
+        /// `obstacle` or `paint`.
+        what: &'static str,
+        /// The name.
+        name: String,
+        /// The names there are.
+        known: String,
+    },
+    /// Two obstacles or paints of one name.
+    #[error("two tables [[{what}]] have the name `{name}`: give each one of its own")]
+    SameName {
+        /// `obstacle` or `paint`.
+        what: &'static str,
+        /// The name.
+        name: String,
+    },
+    /// A line of a file of paint that is no share.
+    #[error("{}:{line}: `{found}` is no share: write a number from 0 to 1 on a line for every vertex of the surface", path.display())]
+    PaintLine {
+        /// The file.
+        path: PathBuf,
+        /// Line, from 1.
+        line: usize,
+        /// What stands there.
+        found: String,
+    },
+    /// Paint for another surface.
+    #[error(
+        "the paint `{name}` has {found} shares, and the surface {expected} vertices: give one for each, in their order"
+    )]
+    PaintCount {
+        /// What it is called.
+        name: String,
+        /// Shares of the paint.
+        found: usize,
+        /// Vertices of the surface.
+        expected: usize,
     },
     /// A bone that holds no node of the body.
     #[error(
@@ -297,9 +345,9 @@ pub enum TrainerError {
         /// The nearest of them.
         hint: String,
     },
-    /// A part of a motion that selects nothing.
+    /// A part of a motion or of an obstacle that selects nothing.
     #[error(
-        "motion: nothing of the body lies in the region of `{name}`: look at its numbers, which are in the scene's unit"
+        "nothing lies in the region of `{name}`: look at its numbers, which are in the scene's unit"
     )]
     EmptyPart {
         /// What it is called.
@@ -397,6 +445,13 @@ pub(crate) fn file_error(
 }
 
 /// ` (did you mean `x`?)` for the known name nearest to `name`, or nothing.
+fn listed(known: &str) -> String {
+    match known {
+        "" => String::new(),
+        names => format!(" (there are: {names})"),
+    }
+}
+
 pub(crate) fn suggestion(name: &str, known: &str) -> String {
     let names = known.split(", ").map(|k| k.trim_matches('`'));
     let nearest = names

@@ -2,6 +2,7 @@
 
 use crate::body::Body;
 use crate::evaluate::ShapeResult;
+use crate::props::Props;
 use crate::rig::{Bone, Jaw, Rig};
 use crate::scene::Scene;
 use crate::shapes::{ShapeSet, Shapes, difference};
@@ -90,6 +91,7 @@ pub fn rig() -> Rig {
             residual_angle: 0.0,
             residual_max: 0.0,
         }),
+        props: Props::default(),
     }
 }
 

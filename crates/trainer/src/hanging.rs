@@ -5,7 +5,8 @@ use crate::loss;
 use actuation_net::JOINT_SIZE;
 use face_rig::{Joint, JointParameters};
 use nalgebra::Vector3;
-use pd_solver::{Parameters, Solver};
+use pd_solver::{EffectSpec, Parameters, Solver};
+use std::ops::Range;
 
 /// What one unit of the network's answer slides the joint by, as a share of the bounding-box diagonal; its angles are in radians. Angles
 /// and slides are then about as large as each other, whatever the unit of length.
@@ -18,6 +19,8 @@ pub struct Hanging {
     /// Places among the prescribed nodes of the solver.
     places: Vec<usize>,
     rest: Vec<Vector3<f64>>,
+    /// Obstacles that the joint moves: where they are in the solver's parameters, and their vertices at rest.
+    obstacles: Vec<(Range<usize>, Vec<Vector3<f64>>)>,
     /// Length of one unit of slide.
     unit: f64,
     /// Length that counts as 1 in the loss on the surface.
@@ -25,8 +28,8 @@ pub struct Hanging {
 }
 
 impl Hanging {
-    /// The hanging nodes of a body among the prescribed ones of a solver; `None` where nothing hangs.
-    pub fn new(body: &Body, solver: &Solver) -> Option<Self> {
+    /// The hanging nodes of a body among the prescribed ones of a solver with these effects, by name; `None` where nothing hangs.
+    pub fn new(body: &Body, effects: &[EffectSpec], solver: &Solver) -> Option<Self> {
         let joint = body.joint?;
         let mut hangs = vec![false; body.mesh.nodes().len()];
         body.moved_nodes
@@ -37,8 +40,11 @@ impl Hanging {
             .filter(|&i| hangs[prescribed[i] as usize])
             .collect();
         let rest = |&i: &usize| body.mesh.nodes()[prescribed[i] as usize];
+        let all = solver.rest_parameters().obstacles;
+        let moved = body.props.moved_places(effects).into_iter();
         Some(Self {
             joint,
+            obstacles: moved.map(|at| (at.clone(), all[at].to_vec())).collect(),
             rest: places.iter().map(rest).collect(),
             places,
             unit: SLIDE * body.diagonal,
@@ -71,22 +77,27 @@ impl Hanging {
         theta
     }
 
-    /// Moves the hanging nodes.
+    /// Moves the hanging nodes, and the obstacles that move.
     pub fn place(&self, theta: JointParameters, parameters: &mut Parameters) {
         let moved = self.joint.positions(theta, &self.rest);
         for (&place, x) in self.places.iter().zip(moved) {
             parameters.prescribed[place] = x;
         }
+        for (at, rest) in &self.obstacles {
+            let moved = self.joint.positions(theta, rest);
+            parameters.obstacles[at.clone()].copy_from_slice(&moved);
+        }
     }
 
-    /// The cotangent of the network's answer from that of the prescribed positions.
-    pub fn vjp(
-        &self,
-        theta: JointParameters,
-        prescribed_bar: &[Vector3<f64>],
-    ) -> [f32; JOINT_SIZE] {
-        let bars: Vec<_> = self.places.iter().map(|&i| prescribed_bar[i]).collect();
-        self.answer_bar(theta, &bars)
+    /// The cotangent of the network's answer from that of the solver's parameters.
+    pub fn vjp(&self, theta: JointParameters, bar: &Parameters) -> [f32; JOINT_SIZE] {
+        let nodes: Vec<_> = self.places.iter().map(|&i| bar.prescribed[i]).collect();
+        let mut sum = self.joint.vjp(theta, &self.rest, &nodes);
+        for (at, rest) in &self.obstacles {
+            let own = self.joint.vjp(theta, rest, &bar.obstacles[at.clone()]);
+            sum.iter_mut().zip(own).for_each(|(sum, own)| *sum += own);
+        }
+        self.in_units(&sum)
     }
 
     /// `weight` times the mean squared distance of the hanging nodes under one motion from where they are under another, in the unit
@@ -104,12 +115,12 @@ impl Hanging {
         let scale = weight / (off.len().max(1) as f64 * self.loss_unit.powi(2));
         let value = off.iter().map(Vector3::norm_squared).sum::<f64>() * scale;
         let bars: Vec<_> = off.iter().map(|d| d * (2.0 * scale)).collect();
-        (value, self.answer_bar(own, &bars))
+        let bar = self.joint.vjp(own, &self.rest, &bars);
+        (value, self.in_units(&bar))
     }
 
-    /// The cotangent of the network's answer from those of the hanging nodes.
-    fn answer_bar(&self, theta: JointParameters, bars: &[Vector3<f64>]) -> [f32; JOINT_SIZE] {
-        let theta_bar = self.joint.vjp(theta, &self.rest, bars);
+    /// The cotangent of the network's answer from that of the joint's parameters.
+    fn in_units(&self, theta_bar: &JointParameters) -> [f32; JOINT_SIZE] {
         std::array::from_fn(|k| (theta_bar[k] * self.factor(k)) as f32)
     }
 
@@ -137,7 +148,7 @@ mod tests {
         let surface = fixture::inputs().surface;
         let body = Body::of_scene(&scene, surface, &fixture::rig(), 0.2).unwrap();
         let solver = Solver::new(&body.mesh, &body.effects(&scene).unwrap()).unwrap();
-        let hanging = Hanging::new(&body, &solver).unwrap();
+        let hanging = Hanging::new(&body, &scene.effects, &solver).unwrap();
         assert!(hanging.places.len() > 8);
         let rest = solver.rest_parameters();
         let bar: Vec<Vector3<f64>> = (0..rest.prescribed.len())
@@ -150,7 +161,9 @@ mod tests {
             let pairs = parameters.prescribed.iter().zip(&bar);
             pairs.map(|(x, b)| x.dot(b)).sum::<f64>()
         };
-        let exact = hanging.vjp(hanging.parameters(&answer), &bar);
+        let mut parameters_bar = rest.clone();
+        parameters_bar.prescribed.clone_from(&bar);
+        let exact = hanging.vjp(hanging.parameters(&answer), &parameters_bar);
         for k in 0..JOINT_SIZE {
             let at = |h: f32| {
                 let mut moved = answer;
@@ -179,7 +192,7 @@ mod tests {
         let scene = fixture::scene("");
         let body = Body::of_scene(&scene, fixture::inputs().surface, &fixture::rig(), 0.2).unwrap();
         let solver = Solver::new(&body.mesh, &body.effects(&scene).unwrap()).unwrap();
-        let hanging = Hanging::new(&body, &solver).unwrap();
+        let hanging = Hanging::new(&body, &scene.effects, &solver).unwrap();
         let slid = [0.0, 0.0, 0.03, 0.0, 0.04];
         let (value, _) = hanging.misfit(slid, Joint::REST, 2.0);
         let expected = 2.0 * (0.05 / (0.01 * body.diagonal)).powi(2);
@@ -207,7 +220,7 @@ mod tests {
         let scene = fixture::scene("");
         let body = fixture::body(&scene);
         let solver = Solver::new(&body.mesh, &scene.effects).unwrap();
-        assert!(Hanging::new(&body, &solver).is_none());
+        assert!(Hanging::new(&body, &scene.effects, &solver).is_none());
     }
 
     #[test]

@@ -37,6 +37,7 @@ pub mod motion;
 pub mod npy;
 pub mod performance;
 mod progress;
+pub mod props;
 pub mod rig;
 pub mod run;
 pub mod scene;

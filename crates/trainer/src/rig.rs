@@ -3,6 +3,7 @@
 use crate::error::{Result, TrainerError, file_error};
 use crate::files::{create_folder, read_json, write_json};
 use crate::matching::check_unit;
+use crate::props::Props;
 use crate::scene::Scene;
 use face_rig::{Joint, JointParameters};
 use nalgebra::{Isometry3, Matrix3, Rotation3, Translation3, UnitQuaternion, Vector3};
@@ -70,13 +71,15 @@ pub struct Jaw {
     pub residual_max: f64,
 }
 
-/// All bones, and the jaw where a bone moves.
+/// All bones, what effects know by name, and the jaw where one of them moves.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Rig {
     /// The bones, in the order of the scene.
     pub bones: Vec<Bone>,
     /// The jaw; absent where no bone moves.
     pub jaw: Option<Jaw>,
+    /// What effects know by name.
+    pub props: Props,
 }
 
 /// What `rig.json` holds of the bones.
@@ -143,7 +146,10 @@ impl Rig {
             })
         });
         let bones = bones.collect::<Result<Vec<_>>>()?;
-        let moving: Vec<&Bone> = bones.iter().filter(|b| b.moves).collect();
+        let props = Props::load(&scene.obstacles, &scene.paints, &scene.unit, data)?;
+        let moving: Vec<&Surface> = { bones.iter().filter(|b| b.moves).map(|b| &b.surface) }
+            .chain(props.moving().map(|o| &o.surface))
+            .collect();
         let jaw = match (&scene.jaw.motions, scene.jaw.pivot) {
             _ if moving.is_empty() => None,
             (Some(file), pivot) => {
@@ -162,23 +168,26 @@ impl Rig {
                 residual_max: 0.0,
             }),
             (None, None) => {
-                return Err(TrainerError::JawMissing {
-                    bone: moving[0].name.clone(),
-                });
+                let bone = bones.iter().find(|b| b.moves).map(|b| ("bone", &b.name));
+                let obstacle = || props.moving().next().map(|o| ("obstacle", &o.name));
+                let (what, name) = bone.or_else(obstacle).expect("something moves");
+                let name = name.clone();
+                return Err(TrainerError::JawMissing { what, name });
             }
         };
-        Ok(Self { bones, jaw })
+        Ok(Self { bones, jaw, props })
     }
 
-    /// Writes everything into a folder, `rig.json` last; nothing where there are no bones.
+    /// Writes everything into a folder, `rig.json` last; nothing where there is nothing.
     ///
     /// # Errors
     /// When a file cannot be written.
     pub fn write(&self, folder: &Path) -> Result<()> {
-        if self.bones.is_empty() {
+        if *self == Self::default() {
             return Ok(());
         }
         create_folder(folder)?;
+        self.props.write(folder)?;
         let mut bones = Vec::new();
         for (i, bone) in self.bones.iter().enumerate() {
             let surface = MorphedSurface::new(bone.surface.clone(), Vec::new())?;
@@ -213,6 +222,7 @@ impl Rig {
         Ok(Self {
             bones: bones.collect::<Result<_>>()?,
             jaw: kept.jaw,
+            props: Props::read(folder)?,
         })
     }
 }
@@ -393,9 +403,9 @@ fn fit(
     path: &Path,
     motions: &BTreeMap<String, Isometry3<f64>>,
     pivot: Option<[f64; 3]>,
-    moving: &[&Bone],
+    moving: &[&Surface],
 ) -> Result<Jaw> {
-    let vertices = || moving.iter().flat_map(|b| b.surface.vertices());
+    let vertices = || moving.iter().flat_map(|surface| surface.vertices());
     let near = vertices().sum::<Vector3<f64>>() / vertices().count() as f64;
     let all: Vec<Isometry3<f64>> = motions.values().copied().collect();
     let pivot = match pivot {
@@ -414,8 +424,8 @@ fn fit(
     for (name, motion) in motions {
         let fitted = joint.fit_motion(motion)?;
         residual_angle = residual_angle.max(fitted.residual_angle);
-        for bone in moving {
-            let rest = bone.surface.vertices();
+        for surface in moving {
+            let rest = surface.vertices();
             let reached = joint.positions(fitted.parameters, rest);
             let left = rest.iter().zip(reached).map(|(x, y)| {
                 let wanted = motion.rotation * x + motion.translation.vector;

@@ -5,13 +5,15 @@ mod effects;
 use crate::error::{Result, TrainerError, file_error, suggestion};
 use crate::generated::Solid;
 use crate::motion::MotionSettings;
+use crate::props::{ObstacleSettings, PaintSettings};
 use crate::rig::{BoneSettings, JawSettings};
 use crate::units::Length;
 use actuation_net::Width;
-pub use effects::Places;
+pub use effects::{AddedEffects, Places, parse_effects};
 use hex_mesh::NodeRegion;
 use pd_solver::{EffectSpec, Method};
 use scene_shapes::{StarfishPose, StarfishShape};
+use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 
@@ -50,6 +52,12 @@ pub struct Scene {
     /// The joint that moves bones which move.
     #[serde(default)]
     pub jaw: JawSettings,
+    /// Bodies that contact keeps off, for effects that name them.
+    #[serde(default, rename = "obstacle", skip_serializing_if = "Vec::is_empty")]
+    pub obstacles: Vec<ObstacleSettings>,
+    /// Paint on the skin, for effects that name it.
+    #[serde(default, rename = "paint", skip_serializing_if = "Vec::is_empty")]
+    pub paints: Vec<PaintSettings>,
     /// What acts on the body; what is not listed costs nothing.
     pub effects: Vec<EffectSpec>,
     /// File and line of each effect, for messages.
@@ -396,18 +404,7 @@ impl Scene {
     /// # Errors
     /// As [`Scene::read`].
     pub fn parse(text: &str, path: &Path) -> Result<Self> {
-        if text.len() > LARGEST_SCENE {
-            return Err(TrainerError::SceneSyntax {
-                path: path.to_path_buf(),
-                line: 1,
-                message: format!(
-                    "{} bytes are no scene: a scene has a few thousand",
-                    text.len()
-                ),
-            });
-        }
-        let mut scene: Self =
-            toml::from_str(text).map_err(|error| syntax_error(text, path, &error))?;
+        let mut scene: Self = parse_toml(text, path)?;
         scene.effect_places = Places::of(text, path);
         scene.check(path)?;
         Ok(scene)
@@ -517,6 +514,21 @@ impl Scene {
         }
         Ok(())
     }
+}
+
+/// What a TOML text of a sensible size holds.
+fn parse_toml<T: DeserializeOwned>(text: &str, path: &Path) -> Result<T> {
+    if text.len() > LARGEST_SCENE {
+        return Err(TrainerError::SceneSyntax {
+            path: path.to_path_buf(),
+            line: 1,
+            message: format!(
+                "{} bytes are no scene: a scene has a few thousand",
+                text.len()
+            ),
+        });
+    }
+    toml::from_str(text).map_err(|error| syntax_error(text, path, &error))
 }
 
 /// toml's own message, shortened to its first line, with the line number and the nearest known key.

@@ -17,11 +17,11 @@ use crate::stage1::pull;
 use face_rig::JointParameters;
 use hex_mesh::NodeRegion;
 use nalgebra::Vector3;
-use pd_solver::{EffectSpec, Obstacle, Parameters, SolveOptions, Status, Stop};
+use pd_solver::{EffectSpec, Parameters, SolveOptions, Status, Stop};
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 pub use touch::Touch;
-use touch::Watch;
+use touch::{Obstacles, Watch};
 
 /// What to simulate.
 #[derive(Debug, Clone)]
@@ -60,6 +60,9 @@ pub struct SimulatedFrame {
     pub geometry: Geometry,
     /// Where it touches itself or others; absent without contact.
     pub touch: Option<Touch>,
+    /// Pairs of a triangle of the surface and one of an obstacle that pass through each other and did not at rest; absent without obstacles
+    /// that are surfaces. Where contact is left out, of the obstacles that it would know.
+    pub obstacle_pairs: Option<usize>,
     /// Elements with a sample turned inside out.
     pub inverted_elements: usize,
     /// Largest distance of a vertex from rest.
@@ -114,9 +117,13 @@ pub fn variant_line(variant: &Variant) -> String {
         line += &format!(", {crossed} where contact acts");
         if variant.left_out > 0 {
             let count = variant.left_out;
-            line +=
-                &format!(" (not on what touches the {count} triangles that cross others at rest)");
+            line += &format!(
+                " (not on what touches the {count} triangles that cross others at rest: `separate = true` under [mesh] moves them apart)"
+            );
         }
+    }
+    if let Some(pairs) = frames.iter().filter_map(|f| f.obstacle_pairs).max() {
+        line += &format!(", {pairs} with obstacles");
     }
     if open > 0 {
         line += &format!(", {open} frames NOT CONVERGED");
@@ -131,6 +138,8 @@ pub struct Simulated {
     pub variants: Vec<Variant>,
     /// The length unit.
     pub unit: String,
+    /// Triangles over [`SimulatedFrame::obstacles`].
+    pub obstacle_triangles: Vec<[u32; 3]>,
     /// Where the files are.
     pub folder: PathBuf,
 }
@@ -186,8 +195,11 @@ pub fn simulate(request: &SimulateRequest) -> Result<Simulated> {
         let without = motion.without.clone();
         variants.push(stage.run(&scene.without(&without), &motion, without)?);
     }
+    let obstacles = Obstacles::of(&stage.body.effects(&scene)?);
+    obstacles.meet(&stage.body.surface, &mut variants);
     let simulated = Simulated {
         variants,
+        obstacle_triangles: obstacles.triangles,
         unit: scene.unit.clone(),
         folder,
     };
@@ -333,6 +345,7 @@ impl Stage {
                 estimated_error: solution.stats.estimated_error,
                 geometry,
                 touch,
+                obstacle_pairs: None,
                 inverted_elements: body.inverted_elements(&solution.positions),
                 moved: away.map(|(a, b)| (a - b).norm()).fold(0.0, f64::max),
                 kinetic_energy: momenta.map(|m| m.kinetic_energy),
@@ -462,28 +475,6 @@ fn unknown(path: &Path, name: &str, known: &str) -> TrainerError {
         hint: suggestion(name, known),
         known: known.to_string(),
     }
-}
-
-/// The surfaces that the body may touch, one after another, as triangles over [`Parameters::obstacles`].
-pub(crate) fn obstacle_triangles(scene: &Scene) -> Vec<[u32; 3]> {
-    let mut all = Vec::new();
-    let mut first = 0;
-    for effect in &scene.effects {
-        let EffectSpec::Contact { obstacles, .. } = effect else {
-            continue;
-        };
-        for obstacle in obstacles {
-            if let Obstacle::Surface {
-                vertices,
-                triangles,
-            } = obstacle
-            {
-                all.extend(triangles.iter().map(|t| t.map(|v| v + first)));
-                first += vertices.len() as u32;
-            }
-        }
-    }
-    all
 }
 
 #[cfg(test)]

@@ -38,7 +38,7 @@ impl Simulator {
     /// When the effects do not fit the body.
     pub fn new(body: &Body, scene: &Scene) -> Result<Self> {
         let solver = body.solver(scene)?;
-        let hanging = Hanging::new(body, &solver);
+        let hanging = Hanging::new(body, &scene.effects, &solver);
         Ok(Self { solver, hanging })
     }
 
@@ -100,7 +100,7 @@ impl Simulator {
         let bar = OutputCotangent {
             actuation: actuation.collect(),
             joint: joint.map_or([0.0; JOINT_SIZE], |(hanging, theta)| {
-                hanging.vjp(theta, &gradient.prescribed)
+                hanging.vjp(theta, &gradient)
             }),
         };
         Ok(Ok((bar, adjoint.stats)))

@@ -69,7 +69,7 @@ pub fn pull(
     mut between: impl FnMut() -> Result<()>,
 ) -> Result<Vec<Pulled>> {
     let mut solver = Solver::new(&body.mesh, &pulling_effects(body, scene)?)?;
-    let hanging = Hanging::new(body, &solver);
+    let hanging = Hanging::new(body, &[], &solver);
     let options = SolveOptions::new(Stop::Accuracy(scene.training_accuracy(body.diagonal)));
     let mut phase = Phase::new("targets", shapes.len() as u64, 0);
     let (mut loose, mut left) = (Vec::new(), Vec::new());

@@ -2,6 +2,7 @@
 
 use crate::body::Body;
 use crate::error::{Result, TrainerError};
+use crate::props::Props;
 use crate::run::Run;
 use crate::scene::Scene;
 use crate::shapes::Shapes;
@@ -47,9 +48,10 @@ impl Trained {
         if let Some(accuracy) = &changes.accuracy {
             scene.set_accuracy(accuracy)?;
         }
-        if let Some(path) = &changes.effects {
-            scene.add_effects(path)?;
-        }
+        let added = match &changes.effects {
+            Some(path) => scene.add_effects(path)?,
+            None => Props::default(),
+        };
         let timed = scene.effects.iter().any(|e| e.kind() == "inertia");
         match changes.dynamics {
             true if !timed => return Err(TrainerError::NoInertia),
@@ -59,7 +61,8 @@ impl Trained {
         let inputs = run.inputs()?;
         let element_size = changes.element_size.unwrap_or(scene.mesh.element_size);
         let surface = inputs.surface.clone();
-        let rig = run.rig()?;
+        let mut rig = run.rig()?;
+        rig.props = rig.props.with(added)?;
         let body = Body::of_scene(&scene, surface, &rig, element_size)?;
         let shapes = Shapes::new(&scene, &inputs, rig.jaw.as_ref(), &body.vertex_weights)?;
         let config = crate::train::network_config(&scene, &shapes);

@@ -294,6 +294,7 @@ fn run_targets() -> Vec<Target> {
         .iter()
         .map(|text| ::toml::from_str(text).expect("a scene is whole"));
     let documents: Vec<Value> = documents.collect();
+    let effects = [::toml::from_str(toml::EFFECTS).expect("effects are whole")];
     let units = units();
     let same_units = units.clone();
     let npy = |input: &[u8]| {
@@ -310,6 +311,20 @@ fn run_targets() -> Vec<Target> {
             &seeds,
             Box::new(move |rng| toml::generate(&documents, rng)),
             |text| Outcome::of(Scene::parse(text, Path::new("a.toml"))),
+        ),
+        of_text(
+            "effects",
+            toml_allowance,
+            &[toml::EFFECTS],
+            Box::new(move |rng| toml::generate(&effects, rng)),
+            |text| Outcome::of(trainer::scene::parse_effects(text, Path::new("a.toml"))),
+        ),
+        of_text(
+            "paint",
+            tenfold,
+            &[text::PAINT],
+            Box::new(text::paint),
+            |text| Outcome::of(trainer::props::parse_paint(text, Path::new("a.txt"))),
         ),
         Target {
             name: "npy",

@@ -1,8 +1,9 @@
 //! The effects of a scene: where they stand, which are left out, and more of them from a file.
 
-use super::{Scene, syntax_error};
+use super::{Scene, parse_toml};
 use crate::error::{Result, TrainerError, file_error};
 use crate::motion::MotionSettings;
+use crate::props::{ObstacleSettings, PaintSettings, Props};
 use pd_solver::{EffectSpec, SolverError};
 use serde::Deserialize;
 use std::path::Path;
@@ -33,6 +34,27 @@ impl Places {
     }
 }
 
+/// What a file of effects holds.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct AddedEffects {
+    #[serde(default)]
+    effects: Vec<EffectSpec>,
+    motion: Option<MotionSettings>,
+    #[serde(default, rename = "obstacle")]
+    obstacles: Vec<ObstacleSettings>,
+    #[serde(default, rename = "paint")]
+    paints: Vec<PaintSettings>,
+}
+
+/// Reads the text of a file of effects; `path` is named in errors.
+///
+/// # Errors
+/// When it does not parse or has an unknown key (a near one is suggested).
+pub fn parse_effects(text: &str, path: &Path) -> Result<AddedEffects> {
+    parse_toml(text, path)
+}
+
 impl Scene {
     /// What the solver says of an effect, with the place of the effect where it is known.
     pub(crate) fn effect_error(&self, source: SolverError) -> TrainerError {
@@ -46,6 +68,12 @@ impl Scene {
             },
             None => source.into(),
         }
+    }
+
+    /// Where an effect stands.
+    pub(crate) fn effect_place(&self, index: usize) -> String {
+        let place = self.effect_places.0.get(index).cloned();
+        place.unwrap_or_else(|| format!("effect {index}"))
     }
 
     /// The same scene without the effects of some kinds.
@@ -71,21 +99,14 @@ impl Scene {
         self.without(&["inertia".into(), "damping".into()])
     }
 
-    /// Adds the effects of a file, and takes the keys of its motion where it has some; the file holds nothing else.
+    /// Adds the effects of a file, and takes the keys of its motion where it has some; the file holds nothing else but what its effects
+    /// name, which is returned. Its files are relative to its folder.
     ///
     /// # Errors
-    /// When the file cannot be read, does not parse, or its motion makes no sense.
-    pub fn add_effects(&mut self, path: &Path) -> Result<()> {
-        #[derive(Deserialize)]
-        #[serde(deny_unknown_fields)]
-        struct Effects {
-            #[serde(default)]
-            effects: Vec<EffectSpec>,
-            motion: Option<MotionSettings>,
-        }
+    /// When the file or one that it names cannot be read or does not parse, or its motion makes no sense.
+    pub fn add_effects(&mut self, path: &Path) -> Result<Props> {
         let text = std::fs::read_to_string(path).map_err(file_error("read the effects", path))?;
-        let more: Effects =
-            toml::from_str(&text).map_err(|error| syntax_error(&text, path, &error))?;
+        let more = parse_effects(&text, path)?;
         self.effects.extend(more.effects);
         self.effect_places.0.extend(Places::of(&text, path).0);
         if let Some(motion) = more.motion {
@@ -99,6 +120,7 @@ impl Scene {
             }
             self.motion = Some(motion);
         }
-        Ok(())
+        let folder = path.parent().unwrap_or(Path::new(""));
+        Props::load(&more.obstacles, &more.paints, &self.unit, folder)
     }
 }

@@ -1,6 +1,6 @@
 //! The files of a simulation: a sheet of pictures, an animated mesh, the numbers.
 
-use super::{Simulated, SimulatedFrame, Variant, obstacle_triangles, selected};
+use super::{Simulated, SimulatedFrame, Variant, selected};
 use crate::body::Body;
 use crate::error::Result;
 use crate::files::{write_json, write_whole};
@@ -53,7 +53,7 @@ pub(super) fn write(
     body: &Body,
     simulated: &Simulated,
 ) -> Result<()> {
-    let sheet = sheet(scene, motion, body, &simulated.variants)?;
+    let sheet = sheet(scene, motion, body, simulated)?;
     let folder = &simulated.folder;
     write_whole(&folder.join("sheet.png"), &sheet)?;
     let frames = &simulated.variants[0].frames;
@@ -86,7 +86,7 @@ fn sheet(
     scene: &Scene,
     motion: &MotionSettings,
     body: &Body,
-    variants: &[Variant],
+    simulated: &Simulated,
 ) -> Result<Vec<u8>> {
     let rest = body.surface.vertices();
     let shown = match &motion.shown {
@@ -95,10 +95,11 @@ fn sheet(
     };
     let frames = evenly(motion.frames, COLUMNS);
     let (mut drawn, mut framed) = (Vec::new(), Vec::new());
-    for variant in variants {
+    for variant in &simulated.variants {
         for &i in &frames {
             let frame = &variant.frames[i];
-            drawn.push((label(variant, frame), draw(scene, body, frame)));
+            let touched = &simulated.obstacle_triangles;
+            drawn.push((label(variant, frame), draw(scene, body, touched, frame)));
             let surface = frame.surface.iter().zip(&shown);
             framed.extend(surface.filter(|(_, shown)| **shown).map(|(x, _)| *x));
         }
@@ -131,8 +132,9 @@ fn label(variant: &Variant, frame: &SimulatedFrame) -> [String; 2] {
     // Adding zero takes the sign off what rounds to it.
     let change = (10.0 * frame.geometry.volume_change_percent).round() / 10.0 + 0.0;
     let mut notes = vec![format!("volume {change:+.1} %")];
-    if frame.geometry.crossing_pairs > 0 {
-        notes.push(format!("{} crossings", frame.geometry.crossing_pairs));
+    let crossings = frame.geometry.crossing_pairs + frame.obstacle_pairs.unwrap_or(0);
+    if crossings > 0 {
+        notes.push(format!("{crossings} crossings"));
     }
     if frame.inverted_elements > 0 {
         notes.push(format!("{} inverted", frame.inverted_elements));
@@ -143,17 +145,13 @@ fn label(variant: &Variant, frame: &SimulatedFrame) -> [String; 2] {
     [name, notes.join(", ")]
 }
 
-fn draw(scene: &Scene, body: &Body, frame: &SimulatedFrame) -> Drawn {
+fn draw(scene: &Scene, body: &Body, touched: &[[u32; 3]], frame: &SimulatedFrame) -> Drawn {
     let mut vertices = frame.surface.clone();
     let mut triangles = body.surface.triangles().to_vec();
     let mut colours = vec![CLAY; vertices.len()];
     let first = vertices.len() as u32;
     vertices.extend_from_slice(&frame.obstacles);
-    triangles.extend(
-        obstacle_triangles(scene)
-            .iter()
-            .map(|t| t.map(|v| v + first)),
-    );
+    triangles.extend(touched.iter().map(|t| t.map(|v| v + first)));
     for effect in &scene.effects {
         let EffectSpec::Contact { obstacles, .. } = effect else {
             continue;

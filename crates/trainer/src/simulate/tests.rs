@@ -105,6 +105,62 @@ fn effects_are_left_out_beside() {
     assert!(without.frames[0].kinetic_energy.is_none() && with.frames[0].kinetic_energy.is_some());
 }
 
+/// A ball held at its top is pushed up from below by a block that a file describes: with contact nothing passes, without it the block does.
+#[test]
+fn obstacles_of_files_are_kept_off_and_counted() {
+    let folder = Folder::new();
+    let block = surface_mesh::primitives::icosphere(1, 0.5);
+    let low = block
+        .vertices()
+        .iter()
+        .map(|x| x - Vector3::new(0.0, 1.6, 0.0));
+    let block = block.with_vertices(low.collect()).unwrap();
+    surface_mesh::write_obj(folder.path("block.obj"), &block).unwrap();
+    let text = r#"
+name = "pushed"
+[surface.solid]
+shape = "ball"
+radius = 1
+subdivisions = 2
+[mesh]
+element_size = 0.4
+[[obstacle]]
+name = "block"
+file = "block.obj"
+[[effects]]
+type = "elasticity"
+[[effects]]
+type = "prescribed"
+nodes = { type = "half_space", normal = [0, 1, 0], offset = 0.6 }
+[[effects]]
+type = "contact"
+distance = 0.05
+own = false
+obstacles = ["block"]
+[motion]
+frames = 3
+rate = 2
+without = ["contact"]
+[[motion.key]]
+frame = 1
+[[motion.key]]
+frame = 3
+obstacles = { shift = [0, 0.4, 0] }
+"#;
+    let simulated = folder.simulate(text).unwrap();
+    let pairs = |variant: usize| -> Vec<_> {
+        let frames = simulated.variants[variant].frames.iter();
+        frames.map(|f| f.obstacle_pairs.unwrap()).collect()
+    };
+    assert_eq!(pairs(0), [0, 0, 0]);
+    let beside = pairs(1);
+    assert_eq!(beside[0], 0);
+    assert!(beside[1] > 0 && beside[2] > 0, "{beside:?}");
+    let pushed = simulated.variants[0].frames[2].moved;
+    assert!(pushed > 0.2, "{pushed}");
+    assert!(variant_line(&simulated.variants[1]).contains("with obstacles"));
+}
+
 #[test]
 fn senseless_scenes_are_refused_with_their_place() {
     let folder = Folder::new();
@@ -132,7 +188,7 @@ fn senseless_scenes_are_refused_with_their_place() {
     let empty = "region = { type = \"sphere\", center = [9, 9, 9], radius = 1 }\nb";
     let message = folder.error(&weighed("long").replace("\nb", &format!("\n{empty}")));
     assert!(
-        message.contains("nothing of the body lies in the region of `long`"),
+        message.contains("nothing lies in the region of `long`"),
         "{message}"
     );
     let message = folder.error(&FALLING.replace("shape = \"box\"", "shape = \"bax\""));

@@ -1,11 +1,14 @@
 //! What contact keeps apart, and whether it does.
 
+use super::Variant;
 use crate::body::Body;
 use crate::error::Result;
 use crate::scene::Scene;
 use nalgebra::Vector3;
-use pd_solver::{EffectSpec, Solver};
+use pd_solver::{EffectSpec, Obstacle, Solver};
 use serde::Serialize;
+use std::collections::BTreeSet;
+use surface_mesh::{Surface, self_intersections};
 
 /// Where a surface touches itself or others in a frame.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
@@ -84,5 +87,66 @@ impl Watch {
             felt: reports.iter().map(|r| r.felt).sum(),
             nearest: nearest.reduce(f64::min),
         })
+    }
+}
+
+/// The surfaces that contact keeps off, one after another as in [`Parameters::obstacles`](pd_solver::Parameters::obstacles).
+#[derive(Debug, Default)]
+pub(super) struct Obstacles {
+    /// Vertices at rest.
+    rest: Vec<Vector3<f64>>,
+    /// Triangles over the vertices.
+    pub(super) triangles: Vec<[u32; 3]>,
+}
+
+impl Obstacles {
+    /// Those of effects without names.
+    pub(super) fn of(effects: &[EffectSpec]) -> Self {
+        let mut all = Self::default();
+        let lists = effects.iter().filter_map(|effect| match effect {
+            EffectSpec::Contact { obstacles, .. } => Some(obstacles),
+            _ => None,
+        });
+        for obstacle in lists.flatten() {
+            if let Obstacle::Surface {
+                vertices,
+                triangles,
+            } = obstacle
+            {
+                let first = all.rest.len() as u32;
+                all.triangles
+                    .extend(triangles.iter().map(|t| t.map(|v| v + first)));
+                all.rest.extend(vertices.iter().map(|&x| Vector3::from(x)));
+            }
+        }
+        all
+    }
+
+    /// Counts where the surface passes through them, in all variants: those without contact know nothing of obstacles, and get the places of the
+    /// first's.
+    pub(super) fn meet(&self, surface: &Surface, variants: &mut [Variant]) {
+        if self.triangles.is_empty() {
+            return;
+        }
+        let places = variants[0].frames.iter().map(|f| f.obstacles.clone());
+        let places: Vec<_> = places.collect();
+        let own = surface.triangles();
+        let count = surface.vertex_count() as u32;
+        let others = self.triangles.iter().map(|t| t.map(|v| v + count));
+        let all: Vec<[u32; 3]> = own.iter().copied().chain(others).collect();
+        let crossing = |surface: &[Vector3<f64>], obstacles: &[Vector3<f64>]| {
+            let found = self_intersections(&[surface, obstacles].concat(), &all);
+            let is_own = |t: u32| (t as usize) < own.len();
+            let met = found.into_iter().filter(|p| is_own(p[0]) != is_own(p[1]));
+            met.collect::<BTreeSet<_>>()
+        };
+        let at_rest = crossing(surface.vertices(), &self.rest);
+        for variant in variants {
+            for (frame, place) in variant.frames.iter_mut().zip(&places) {
+                let met = crossing(&frame.surface, place);
+                frame.obstacle_pairs = Some(met.difference(&at_rest).count());
+                frame.obstacles.clone_from(place);
+            }
+        }
     }
 }

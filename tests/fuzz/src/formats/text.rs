@@ -17,6 +17,9 @@ pub const CURVES: &str =
 /// A target of MakeHuman.
 pub const TARGET: &str = "# basemesh hm08\n0 0.1 -0.2 .003\n17 0 0 1e-3\n  99 1 2 3 # the last\n";
 
+/// Paint on six vertices.
+pub const PAINT: &str = "# a scar\n0\n1\n0.25 # half\n\n1e-3\n.5\n0.0\n";
+
 /// Metrics of a run.
 pub const METRICS: &str = "{\"stage\":1,\"epoch\":1,\"loss\":0.5}\n{\"stage\":1,\"epoch\":2,\"loss\":0.1}\n\
     {\"stage\":2,\"step\":0,\"dropped\":\"long: the equilibrium is Stalled\"}\n{\"stage\":2,\"epoch\":1,\"mean_error_percent\":0.3}\n{\"sta";
@@ -34,6 +37,22 @@ fn number(rng: &mut ChaCha8Rng) -> String {
         .into(),
         _ => (*NUMBERS.choose(rng).expect("there are numbers")).into(),
     }
+}
+
+/// Lines of shares, most of them some.
+pub fn paint(rng: &mut ChaCha8Rng) -> Vec<u8> {
+    let mut text = String::new();
+    for _ in 0..1 << rng.random_range(0..7_u32) {
+        match rng.random_range(0..4_u32) {
+            0 => text.push_str(&number(rng)),
+            _ => text.push_str(&rng.random_range(0.0..1.0_f64).to_string()),
+        }
+        text.push_str(match rng.random_range(0..8_u32) {
+            0 => ENDS.choose(rng).expect("ends"),
+            _ => "\n",
+        });
+    }
+    text.into_bytes()
 }
 
 /// Lines of vertices, faces and whatever else, mostly meaningful.

@@ -7,6 +7,40 @@ use serde_json::Value;
 
 use super::json::change;
 
+/// A file of effects.
+pub const EFFECTS: &str = r#"
+[[obstacle]]
+name = "teeth"
+file = "teeth.obj"
+region = { type = "box", min = [-4, -4.5, 7], max = [4, -1.3, 13] }
+moves = true
+[[paint]]
+name = "scar"
+file = "scar.txt"
+[[effects]]
+type = "contact"
+distance = 0.05
+obstacles = ["teeth", { type = "plane", normal = [0, 1, 0], offset = -9 }, { type = "named", name = "teeth" }]
+[[effects]]
+type = "activation"
+elements = "scar"
+scale = 0
+[[effects]]
+type = "stiffness"
+elements = [0, 0.5, 1]
+factor = 2
+[[effects]]
+type = "inertia"
+density = 1
+time_step = 0.05
+[motion]
+frames = 6
+rate = 10
+[[motion.key]]
+frame = 3
+obstacles = { shift = [0, 0.4, 0] }
+"#;
+
 /// The scenes that come with the workspace.
 pub fn scenes() -> Vec<String> {
     let folder = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../../data/scenes");

@@ -102,6 +102,10 @@ impl Obstacles {
                 let moved = triangles.iter().map(|t| t.map(|v| v + first));
                 self.triangles.extend(moved);
             }
+            Obstacle::Named { name } => {
+                let name = name.clone();
+                return Err(SolverError::Unnamed { index, name });
+            }
         }
         Ok(())
     }
