@@ -1,7 +1,6 @@
 //! Named tensors and text metadata in a safetensors file: what a network, an optimiser and a checkpoint are stored in.
 
 use std::collections::BTreeMap;
-use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use safetensors::{Dtype, SafeTensors};
@@ -231,28 +230,14 @@ impl TensorFile {
     }
 
     fn write_atomically(&self, path: &Path) -> std::io::Result<()> {
-        let folder = match path.parent() {
-            Some(parent) if parent != Path::new("") => parent,
-            _ => Path::new("."),
-        };
-        let mut builder = tempfile::Builder::new();
-        // A temporary file is private by default; the finished one should follow the umask like any other.
-        #[cfg(unix)]
-        builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
-        let mut file = builder.tempfile_in(folder)?;
-        {
-            let mut writer = std::io::BufWriter::new(file.as_file_mut());
-            let (header, order) = self.header()?;
-            writer.write_all(&(header.len() as u64).to_le_bytes())?;
-            writer.write_all(&header)?;
-            for tensor in order {
-                writer.write_all(&tensor.bytes)?;
-            }
-            writer.flush()?;
-        }
-        file.as_file().sync_all()?;
-        file.persist(path)?;
-        Ok(())
+        let (header, order) = self.header()?;
+        whole_file::write(path, |file| {
+            file.write_all(&(header.len() as u64).to_le_bytes())?;
+            file.write_all(&header)?;
+            order
+                .iter()
+                .try_for_each(|tensor| file.write_all(&tensor.bytes))
+        })
     }
 
     /// The JSON header, padded with blanks to whole 8 bytes, and the tensors in the order of their data.

@@ -1,7 +1,6 @@
 //! Files that appear whole or not at all.
 
 use crate::error::{Result, TrainerError, file_error};
-use std::io::Write;
 use std::path::{Path, PathBuf};
 
 /// Writes a file beside its final place, flushes it to disk, and renames it.
@@ -9,26 +8,7 @@ use std::path::{Path, PathBuf};
 /// # Errors
 /// When the folder cannot be written; an older file of that name then stays as it was.
 pub fn write_whole(path: &Path, bytes: &[u8]) -> Result<()> {
-    let folder = match path.parent() {
-        Some(parent) if !parent.as_os_str().is_empty() => parent,
-        _ => Path::new("."),
-    };
-    let write = || -> std::io::Result<()> {
-        let mut builder = tempfile::Builder::new();
-        builder.prefix(".part-");
-        #[cfg(unix)]
-        {
-            use std::os::unix::fs::PermissionsExt;
-            // The umask takes its part away when the file is created; the default of this library would hide it from others.
-            builder.permissions(std::fs::Permissions::from_mode(0o666));
-        }
-        let mut file = builder.tempfile_in(folder)?;
-        file.write_all(bytes)?;
-        file.as_file().sync_all()?;
-        file.persist(path)?;
-        Ok(())
-    };
-    write().map_err(file_error("write", path))
+    whole_file::write(path, |file| file.write_all(bytes)).map_err(file_error("write", path))
 }
 
 /// Writes a value as indented JSON.
@@ -74,8 +54,8 @@ pub fn create_folder(path: &Path) -> Result<PathBuf> {
     Ok(path.to_path_buf())
 }
 
-/// How names of unfinished files begin: those of this crate, and those of the crates it writes through.
-const UNFINISHED: [&str; 3] = [".part-", ".probe-", ".tmp"];
+/// How names of unfinished files begin.
+const UNFINISHED: [&str; 2] = [whole_file::UNFINISHED, ".probe-"];
 /// Random letters that follow.
 const RANDOM_PART: usize = 6;
 

@@ -267,8 +267,6 @@ fn keep_input(target: &Target, out: &Path, input: &[u8]) -> std::io::Result<Path
     let mut hasher = DefaultHasher::new();
     input.hash(&mut hasher);
     let path = out.join(format!("{}-{:016x}", target.name, hasher.finish()));
-    let mut file = tempfile::NamedTempFile::new_in(out)?;
-    file.write_all(input)?;
-    file.persist(&path)?;
+    whole_file::write(&path, |file| file.write_all(input))?;
     Ok(path)
 }

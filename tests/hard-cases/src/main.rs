@@ -2,8 +2,7 @@
 
 use clap::Parser;
 use myofield_hard_cases::{Effort, Run, catalogue, markdown, summary};
-use std::io::Write;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::process::ExitCode;
 use std::time::Instant;
 
@@ -56,7 +55,8 @@ fn main() -> ExitCode {
     print!("\n{}", summary(&runs));
     if cli.filter.is_empty()
         && !cli.quick
-        && let Err(error) = write_whole(&cli.out, &markdown(&runs))
+        && let Err(error) =
+            whole_file::write(&cli.out, |file| file.write_all(markdown(&runs).as_bytes()))
     {
         eprintln!("error: {}: {error}", cli.out.display());
         return ExitCode::FAILURE;
@@ -65,16 +65,4 @@ fn main() -> ExitCode {
         true => ExitCode::SUCCESS,
         false => ExitCode::FAILURE,
     }
-}
-
-/// Whole or not at all.
-fn write_whole(path: &Path, text: &str) -> std::io::Result<()> {
-    let folder = match path.parent() {
-        Some(folder) if folder != Path::new("") => folder,
-        _ => Path::new("."),
-    };
-    let mut file = tempfile::NamedTempFile::new_in(folder)?;
-    file.write_all(text.as_bytes())?;
-    file.persist(path).map_err(|e| e.error)?;
-    Ok(())
 }
