@@ -30,6 +30,7 @@ mod assembly;
 pub mod bench_support;
 mod constant;
 mod effects;
+mod element_finder;
 mod error;
 mod floating;
 mod forest;

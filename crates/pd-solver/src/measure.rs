@@ -33,7 +33,7 @@ impl Solver {
             let (problem, pre, space) = self.parts(method);
             space.reserve(u.len());
             problem.evaluate(u, &mut space.gradient);
-            pre.prepare(u);
+            pre.prepare(problem, u);
             let linear = newton_direction(problem, pre, space, u, MEASURED);
             let error = match linear.status {
                 LinearStatus::Converged => max_norm(&space.direction),

@@ -2,7 +2,9 @@
 
 use crate::constant::ConstantSystem;
 use crate::methods::Preconditioner;
+use crate::element_finder::ElementFinder;
 use crate::multigrid::Multigrid;
+use crate::problem::Problem;
 use crate::vector::NodalVector;
 use nalgebra::Vector3;
 
@@ -25,11 +27,11 @@ impl Preconditioner for ConstantSystem {
         false
     }
 
-    fn prepare(&mut self, _u: &[Vector3<f64>]) -> bool {
+    fn prepare(&mut self, _problem: &mut Problem, _u: &[Vector3<f64>]) -> bool {
         true
     }
 
-    fn rebuild(&mut self, _u: &[Vector3<f64>]) {}
+    fn rebuild(&mut self, _problem: &mut Problem, _u: &[Vector3<f64>]) {}
 
     fn project(&mut self, _u: &[Vector3<f64>]) -> bool {
         false
@@ -48,6 +50,10 @@ pub(crate) struct Cycle {
     /// Much of the body is one element thick. It bends by modes that the cycle sees only as constant stiffness, several times too
     /// stiff.
     thin: bool,
+    /// Made when something first touches.
+    finder: Option<ElementFinder>,
+    /// Whether anything touched where it was built.
+    touched: bool,
 }
 
 impl Cycle {
@@ -57,6 +63,8 @@ impl Cycle {
             multigrid,
             built_at: Vec::new(),
             element_size,
+            finder: None,
+            touched: false,
         }
     }
 
@@ -64,6 +72,26 @@ impl Cycle {
     pub(crate) fn forget(&mut self) {
         self.built_at.clear();
         self.multigrid.trust(0);
+    }
+
+    fn build(&mut self, u: &[Vector3<f64>]) {
+        self.multigrid.rebuild(0, u);
+        self.built_at.clear();
+        self.built_at.extend_from_slice(u);
+    }
+
+    /// Takes over what touches at `u`; whether that is anything, or was. Barriers bend so much that no two states are alike.
+    fn see_touches(&mut self, problem: &mut Problem, u: &[Vector3<f64>]) -> bool {
+        let elements = &self.multigrid.hierarchy().grids[0].elements;
+        let new = || ElementFinder::new(elements, u.len());
+        let finder = self.finder.get_or_insert_with(new);
+        let touches = problem.touches(u, elements, finder);
+        let changes = self.touched || !touches.is_empty();
+        self.touched = !touches.is_empty();
+        if changes {
+            self.multigrid.set_touches(&touches);
+        }
+        changes
     }
 }
 
@@ -80,20 +108,25 @@ impl Preconditioner for Cycle {
         !self.thin
     }
 
-    fn prepare(&mut self, u: &[Vector3<f64>]) -> bool {
+    fn prepare(&mut self, problem: &mut Problem, u: &[Vector3<f64>]) -> bool {
+        if problem.limits_steps() && self.see_touches(problem, u) {
+            self.build(u);
+            return true;
+        }
         let limit = NEAR * self.element_size;
         let near = |(a, b): (&Vector3<f64>, &Vector3<f64>)| (a - b).norm_squared() <= limit * limit;
         let far = self.built_at.len() != u.len() || !self.built_at.iter().zip(u).all(near);
         if far {
-            self.rebuild(u);
+            self.build(u);
         }
         far
     }
 
-    fn rebuild(&mut self, u: &[Vector3<f64>]) {
-        self.multigrid.rebuild(0, u);
-        self.built_at.clear();
-        self.built_at.extend_from_slice(u);
+    fn rebuild(&mut self, problem: &mut Problem, u: &[Vector3<f64>]) {
+        if problem.limits_steps() {
+            self.see_touches(problem, u);
+        }
+        self.build(u);
     }
 
     fn project(&mut self, u: &[Vector3<f64>]) -> bool {

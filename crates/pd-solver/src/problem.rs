@@ -4,6 +4,7 @@ use crate::activation::Activation;
 use crate::approach;
 use crate::constant::ConstantSystem;
 use crate::effects::{Batches, CoarseView, Effect, Stepping, build, springs::Springs};
+use crate::element_finder::{ElementFinder, Touch};
 use crate::error::SolverError;
 use crate::floating::{FloatingPart, PIN};
 use crate::multigrid::{ElementForm, Hierarchy};
@@ -192,37 +193,46 @@ impl Problem {
         if !any {
             return forms;
         }
-        // Elements around each node as linked lists.
-        let mut first_element = vec![u32::MAX; self.rest.len()];
-        let mut next = vec![[u32::MAX; 8]; elements.len()];
-        for (element, nodes) in elements.iter().enumerate().rev() {
-            for (corner, &node) in nodes.iter().enumerate() {
-                let head = &mut first_element[node as usize];
-                next[element][corner] = std::mem::replace(head, (element * 8 + corner) as u32);
-            }
-        }
+        let finder = ElementFinder::new(elements, self.rest.len());
         for effect in self.in_preconditioners() {
             effect.for_each_form(&mut |nodes, weights, stiffness| {
-                let mut at = first_element[nodes[0] as usize];
-                while at != u32::MAX {
-                    let (element, corner) = (at as usize / 8, at as usize % 8);
-                    let corners = &elements[element];
-                    if nodes.iter().all(|n| corners.contains(n)) {
-                        let of_corner = |c: usize| {
-                            let terms = nodes.iter().zip(weights);
-                            terms
-                                .filter(|(n, _)| **n == corners[c])
-                                .map(|(_, w)| w)
-                                .sum()
-                        };
-                        forms.push((element as u32, std::array::from_fn(of_corner), stiffness));
-                        return;
-                    }
-                    at = next[element][corner];
+                let has_all = |e: &u32| {
+                    let corners = &elements[*e as usize];
+                    nodes.iter().all(|n| corners.contains(n))
+                };
+                if let Some(element) = finder.around(nodes[0]).find(has_all) {
+                    let corners = &elements[element as usize];
+                    let of_corner = |c: usize| {
+                        let terms = nodes.iter().zip(weights);
+                        terms
+                            .filter(|(n, _)| **n == corners[c])
+                            .map(|(_, w)| w)
+                            .sum()
+                    };
+                    forms.push((element, std::array::from_fn(of_corner), stiffness));
                 }
             });
         }
         forms
+    }
+
+    /// What touches at `u`, as forms over elements.
+    pub(crate) fn touches(
+        &mut self,
+        u: &[Vector3<f64>],
+        elements: &[[u32; 8]],
+        finder: &ElementFinder,
+    ) -> Vec<Touch> {
+        let mut touches = Vec::new();
+        for effect in &mut self.effects {
+            effect.for_each_touch(u, &mut |form| finder.cut(elements, form, &mut touches));
+        }
+        touches
+    }
+
+    /// Stiffness against changes of volume, an energy per volume, for preconditioners.
+    pub(crate) fn volume_stiffness(&self) -> f64 {
+        self.effects.iter().map(|e| e.volume_stiffness()).sum()
     }
 
     /// Assembles and factors the constant matrix.

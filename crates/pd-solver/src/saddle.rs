@@ -86,7 +86,7 @@ impl Solver {
         space.reserve(u.len());
         space.krylov.reserve(u.len());
         problem.linearise(u);
-        pre.prepare(u);
+        pre.prepare(problem, u);
         let mut state = seed;
         for v in &mut space.scratch {
             *v = Vector3::from_fn(|_, _| number(&mut state));

@@ -21,7 +21,7 @@ mod set_up;
 mod topology;
 
 use super::points::Points;
-use super::{CoarseView, Effect};
+use super::{CoarseView, Effect, TouchVisitor};
 use crate::constant::ConstantMatrix;
 use crate::error::SolverError;
 use crate::parameters::Parameters;
@@ -294,6 +294,37 @@ impl Effect for Contact {
         let report = self.report(&x);
         self.x = x;
         Some(report)
+    }
+
+    fn for_each_touch(&mut self, u: &[Vector3<f64>], f: TouchVisitor) {
+        let x = self.look(u);
+        let mut form = Vec::new();
+        let add = |form: &mut Vec<_>, point: usize, v: Vector3<f64>| {
+            let terms = self.points.terms(point).iter();
+            form.extend(terms.map(|&(node, weight)| (node, v * weight)));
+        };
+        for (point, plane, d) in self.near_planes(&x) {
+            let [_, _, bend] = above_plane(self.topology.strength(point), self.dhat, d);
+            form.clear();
+            add(&mut form, point, self.planes[plane].normal * bend.sqrt());
+            f(&form);
+        }
+        for pair in &self.list.pairs {
+            let Some(stiffest) = pair.barrier.stiffest(&pair.gather(&x)) else {
+                continue;
+            };
+            let first = pair.barrier.kind.first();
+            for side in [0..first, first..4] {
+                form.clear();
+                for k in side.filter(|&k| self.topology.is_own(pair.points[k])) {
+                    add(&mut form, pair.points[k] as usize, part(&stiffest, k));
+                }
+                if !form.is_empty() {
+                    f(&form);
+                }
+            }
+        }
+        self.x = x;
     }
 
     fn largest_diagonal(&self) -> f64 {

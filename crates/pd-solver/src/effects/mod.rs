@@ -26,6 +26,9 @@ use nalgebra::Vector3;
 /// Takes the nodes, the weights and the stiffness of a linear form.
 pub(crate) type FormVisitor<'a> = &'a mut dyn FnMut(&[u32], &[f64], f64);
 
+/// Takes a form over nodes by its coefficients.
+pub(crate) type TouchVisitor<'a> = &'a mut dyn FnMut(&[(u32, Vector3<f64>)]);
+
 /// What an effect can contribute to a problem. Dispatch is once per batch, never inside a loop over elements.
 ///
 /// Conventions: `u` holds positions of all nodes; everything is added to what the output holds; entries at prescribed nodes are
@@ -95,6 +98,15 @@ pub(crate) trait Effect: Send + Sync {
     /// Calls `f` with nodes, weights and stiffness of every linear form `stiffness / 2 |weights . u|^2` in the Hessian that is
     /// not elastic: what a preconditioner has to know of springs.
     fn for_each_form(&self, _f: FormVisitor) {}
+
+    /// Calls `f` with every form whose square is most of the Hessian of something that touches at `u`, one for each side of it: what a
+    /// preconditioner has to know of contact.
+    fn for_each_touch(&mut self, _u: &[Vector3<f64>], _f: TouchVisitor) {}
+
+    /// Stiffness against changes of volume, an energy per volume: what a preconditioner has to know of it.
+    fn volume_stiffness(&self) -> f64 {
+        0.0
+    }
 
     /// About the largest diagonal entry of the constant matrix, which makes roundoff comparable.
     fn largest_diagonal(&self) -> f64 {

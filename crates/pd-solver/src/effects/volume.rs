@@ -17,8 +17,9 @@ use projection::Projection;
 /// below each of them, so that its Hessian is at most `w` times the constant matrix of one sample, and the projection to D is a local step.
 pub(crate) struct Volume {
     mean: MeanStrain,
-    /// Stiffness times volume of an element.
-    weight: f64,
+    stiffness: f64,
+    /// Stiffness times volume of each element.
+    weights: Vec<f64>,
     /// At the last linearisation.
     projections: Vec<Projection>,
     stresses: Vec<Matrix3<f64>>,
@@ -27,32 +28,38 @@ pub(crate) struct Volume {
 impl Volume {
     pub(crate) fn new(mesh: &HexMesh, stiffness: f64) -> Self {
         let mean = MeanStrain::new(mesh);
+        let weights = vec![stiffness * mesh.element_volume(); mean.len()];
+        Self::with(mean, stiffness, weights)
+    }
+
+    fn with(mean: MeanStrain, stiffness: f64, weights: Vec<f64>) -> Self {
         Self {
-            weight: stiffness * mesh.element_volume(),
             projections: Vec::new(),
             stresses: vec![Matrix3::zeros(); mean.len()],
             mean,
+            stiffness,
+            weights,
         }
     }
 }
 
 impl Effect for Volume {
     fn add_constant(&self, matrix: &mut ConstantMatrix) {
-        for (nodes, g) in self.mean.forms() {
-            matrix.add_block(nodes, |a, b| self.weight * g[a].dot(&g[b]));
+        for ((nodes, g), weight) in self.mean.forms().zip(&self.weights) {
+            matrix.add_block(nodes, |a, b| weight * g[a].dot(&g[b]));
         }
     }
 
     fn set_parameters(&mut self, _parameters: &Parameters) {}
 
     fn energy_gradient(&mut self, u: &[Vector3<f64>], gradient: &mut NodalVector) -> f64 {
-        let weight = self.weight;
-        self.mean.map(u, &mut self.stresses, |_, f| {
-            (f - Projection::new(&f).nearest()) * weight
+        let weights = &self.weights;
+        self.mean.map(u, &mut self.stresses, |e, f| {
+            (f - Projection::new(&f).nearest()) * weights[e]
         });
         self.mean.scatter(&self.stresses, gradient);
-        let squares = self.stresses.iter().map(|s| s.norm_squared());
-        0.5 / weight * squares.sum::<f64>()
+        let stresses = self.stresses.iter().zip(weights);
+        0.5 * stresses.map(|(s, w)| s.norm_squared() / w).sum::<f64>()
     }
 
     fn linearise(&mut self, u: &[Vector3<f64>]) {
@@ -63,23 +70,31 @@ impl Effect for Volume {
     }
 
     fn hessian_product(&mut self, x: &[Vector3<f64>], out: &mut NodalVector) {
-        let (weight, projections) = (self.weight, &self.projections);
+        let (weights, projections) = (&self.weights, &self.projections);
         assert_eq!(projections.len(), self.mean.len(), "linearised");
         self.mean.map(x, &mut self.stresses, |e, df| {
-            (df - projections[e].derivative(&df)) * weight
+            (df - projections[e].derivative(&df)) * weights[e]
         });
         self.mean.scatter(&self.stresses, out);
     }
 
     fn parameter_vjp(&mut self, _u: &[Vector3<f64>], _z: &[Vector3<f64>], _out: &mut Parameters) {}
 
-    /// Coarse elements are boxes and partly filled; a start has no need to keep volumes.
-    fn coarsen(&self, _view: &CoarseView) -> Option<Box<dyn Effect>> {
-        None
+    /// A box that is filled in part keeps the volume that it has.
+    fn coarsen(&self, view: &CoarseView) -> Option<Box<dyn Effect>> {
+        let grid = view.grid;
+        let volumes = (0..grid.elements.len()).map(|e| grid.volume(e));
+        let weights = volumes.map(|v| self.stiffness * v).collect();
+        let mean = MeanStrain::on_grid(grid);
+        Some(Box::new(Self::with(mean, self.stiffness, weights)))
+    }
+
+    fn volume_stiffness(&self) -> f64 {
+        self.stiffness
     }
 
     fn largest_diagonal(&self) -> f64 {
-        self.mean.largest_diagonal(self.weight)
+        self.mean.largest_diagonal(self.weights[0])
     }
 
     fn projections(&self) -> u64 {
@@ -93,6 +108,7 @@ impl Effect for Volume {
 
     fn bytes(&self) -> usize {
         self.mean.bytes()
+            + size_of_val(self.weights.as_slice())
             + size_of_val(self.projections.as_slice())
             + size_of_val(self.stresses.as_slice())
     }

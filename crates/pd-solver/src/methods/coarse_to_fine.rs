@@ -43,12 +43,12 @@ impl Preconditioner for AtLevel<'_> {
         true
     }
 
-    fn prepare(&mut self, u: &[Vector3<f64>]) -> bool {
-        self.rebuild(u);
+    fn prepare(&mut self, problem: &mut Problem, u: &[Vector3<f64>]) -> bool {
+        self.rebuild(problem, u);
         true
     }
 
-    fn rebuild(&mut self, u: &[Vector3<f64>]) {
+    fn rebuild(&mut self, _problem: &mut Problem, u: &[Vector3<f64>]) {
         self.multigrid.rebuild(self.level, u);
     }
 
@@ -203,6 +203,7 @@ pub(crate) fn carry_down(problem: &Problem, hierarchy: Hierarchy) -> (Multigrid,
     }
     forms.resize(hierarchy.grids.len(), Vec::new());
     let samples = problem.rest_parameters.actuation.len() / problem.elements;
-    let multigrid = Multigrid::new(hierarchy, problem.elastic_stiffness, samples, forms);
+    let stiffness = (problem.elastic_stiffness, problem.volume_stiffness());
+    let multigrid = Multigrid::new(hierarchy, stiffness, samples, forms);
     (multigrid, bodies)
 }

@@ -176,7 +176,7 @@ pub(crate) fn lbfgs(
     let mut doubts = Doubts::default();
     let mut estimate = None;
     let (mut since_rebuild, mut strengthened) = (0, 0);
-    if descent.stop(target, max_iterations).is_none() && !pre.prepare(u) {
+    if descent.stop(target, max_iterations).is_none() && !pre.prepare(problem, u) {
         // What was learnt with this preconditioner is still about true.
         history.count = space.pairs;
     }
@@ -223,7 +223,7 @@ pub(crate) fn lbfgs(
             if history.count > 0 || since_rebuild > 0 {
                 history.count = 0;
                 since_rebuild = 0;
-                pre.rebuild(u);
+                pre.rebuild(problem, u);
             } else if strengthened < STRENGTHENINGS && pre.strengthen(u) {
                 strengthened += 1;
             } else {
@@ -238,7 +238,7 @@ pub(crate) fn lbfgs(
         }
         since_rebuild += 1;
         if pre.follows() && since_rebuild >= REBUILD {
-            pre.rebuild(u);
+            pre.rebuild(problem, u);
             history.count = 0;
             since_rebuild = 0;
         }

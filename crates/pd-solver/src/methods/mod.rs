@@ -8,6 +8,7 @@ mod local_global;
 mod newton;
 mod workspace;
 
+use crate::problem::Problem;
 use crate::solution::{Estimate, Status};
 use crate::vector::NodalVector;
 pub(crate) use anderson::anderson;
@@ -28,11 +29,11 @@ pub(crate) trait Preconditioner {
     /// Whether it is so near the Hessian that the length of its directions tells the error.
     fn tells_errors(&self) -> bool;
 
-    /// Makes sure that it is built at a state near `u`. False where it already was, for an earlier solve.
-    fn prepare(&mut self, u: &[Vector3<f64>]) -> bool;
+    /// Makes sure that it is built at a state near `u`, and for what touches there. False where it already was, for an earlier solve.
+    fn prepare(&mut self, problem: &mut Problem, u: &[Vector3<f64>]) -> bool;
 
     /// Builds it at `u`.
-    fn rebuild(&mut self, u: &[Vector3<f64>]);
+    fn rebuild(&mut self, problem: &mut Problem, u: &[Vector3<f64>]);
 
     /// Builds it at `u` so that it is positive definite whatever the state; false where it already was.
     fn project(&mut self, u: &[Vector3<f64>]) -> bool;

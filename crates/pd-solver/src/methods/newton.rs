@@ -58,7 +58,7 @@ pub(crate) fn newton(
         if let Some(status) = descent.stop(target, max_iterations) {
             break status;
         }
-        pre.prepare(u);
+        pre.prepare(problem, u);
         // Superlinear convergence near the end, no waste far from it (Eisenstat and Walker 1996).
         let tolerance = LOOSEST.min((descent.gradient_norm / start_norm).sqrt());
         let linear = newton_direction(problem, pre, space, u, tolerance);

@@ -1,11 +1,13 @@
 //! What is needed to set the matrices of a coarse level's elements: their children, tables, and the forms on them.
 
 use super::element_matrix::{
-    CoreSum, CoreTables, ElementMatrix, ZERO, add_form, add_galerkin, parent_weights,
+    CoreSum, CoreTables, ElementMatrix, ZERO, add_form, add_galerkin, parent_weights, subtract,
 };
 use super::fine::{CORE, ElementForm};
 use super::grid::Grid;
 use super::hierarchy::Hierarchy;
+use super::kept_volume::Normal;
+use super::touch::CoarseTouch;
 use rayon::prelude::*;
 
 /// Matrices per task.
@@ -32,6 +34,8 @@ pub(super) struct Coarse {
     children: Vec<Child>,
     /// Forms of the finest level as this one sees them; only on the level next to it, coarser ones get them from there.
     inherited: Vec<ElementForm>,
+    /// What touches on the finest level, on the level next to it.
+    pub(super) touches: Vec<CoarseTouch>,
     /// Forms of this level's own problem.
     own: Vec<ElementForm>,
     /// Table of each element for this level's own problem, and its weight.
@@ -94,6 +98,7 @@ pub(super) fn set_up(
         tables: (0..grid.elements.len()).map(of_element).collect(),
         matrices: vec![ZERO; grid.elements.len()],
         inherited: inherited.iter().map(to_parent).collect(),
+        touches: Vec::new(),
         own: own.iter().map(|&(e, w, k)| (e, w, k / unit)).collect(),
         offsets,
         children,
@@ -129,6 +134,25 @@ impl Coarse {
         for (element, weights, stiffness) in &self.inherited {
             add_form(weights, *stiffness, &mut self.matrices[*element as usize]);
         }
+    }
+
+    /// Adds what the elements of the finest level do against changes of their volume.
+    pub(super) fn add_normals(&mut self, normals: &[Normal], tables: &CoreTables) {
+        self.fill(AddNormals { normals, tables });
+    }
+
+    /// Adds what this level's own elements do against changes of their volume.
+    pub(super) fn add_own_normals(
+        &mut self,
+        grid: &Grid,
+        normals: &[Normal],
+        tables: &CoreTables,
+    ) {
+        self.fill(AddOwnNormals {
+            normals,
+            tables,
+            grid,
+        });
     }
 
     /// From the matrices of the next finer level.
@@ -199,6 +223,44 @@ impl Fill for FromOwnCores<'_> {
         let weight = self.grid.fill[element] * self.grid.stiffness[element];
         sum.add(table, &self.cores[element], weight as f32);
         sum.write(out);
+    }
+}
+
+struct AddNormals<'a> {
+    normals: &'a [Normal],
+    tables: &'a CoreTables,
+}
+
+impl Fill for AddNormals<'_> {
+    #[inline(always)]
+    fn set(&self, coarse: &Coarse, element: usize, sum: &mut CoreSum, out: &mut ElementMatrix) {
+        sum.clear();
+        for child in coarse.children(element) {
+            let table = &self.tables.tables[child.table as usize];
+            sum.take(table, &self.normals[child.element as usize], 1.0);
+        }
+        let mut taken = ZERO;
+        sum.write(&mut taken);
+        subtract(&taken, out);
+    }
+}
+
+struct AddOwnNormals<'a> {
+    normals: &'a [Normal],
+    tables: &'a CoreTables,
+    grid: &'a Grid,
+}
+
+impl Fill for AddOwnNormals<'_> {
+    #[inline(always)]
+    fn set(&self, coarse: &Coarse, element: usize, sum: &mut CoreSum, out: &mut ElementMatrix) {
+        sum.clear();
+        let table = &self.tables.tables[coarse.tables[element] as usize];
+        let root = (self.grid.fill[element] as f32).sqrt();
+        sum.take(table, &self.normals[element], root);
+        let mut taken = ZERO;
+        sum.write(&mut taken);
+        subtract(&taken, out);
     }
 }
 

@@ -110,17 +110,23 @@ impl CoreSum {
             }
         }
         let root = weight.sqrt();
-        let [g0, g1, g2] = &table.gradient;
-        for core in core.as_chunks::<9>().0 {
-            let vector = &mut self.vectors[self.count];
-            for (vector, m) in vector.iter_mut().zip(core.as_chunks::<3>().0) {
-                let m = [m[0] * root, m[1] * root, m[2] * root];
-                for c in 0..8 {
-                    vector[c] = m[0] * g0[c] + m[1] * g1[c] + m[2] * g2[c];
-                }
-            }
-            self.count += 1;
+        for form in core.as_chunks::<9>().0 {
+            self.take(table, form, root);
         }
+    }
+
+    /// Takes the square of a form of an element's mean gradient, times `root`, from the matrix.
+    #[inline(always)]
+    pub(super) fn take(&mut self, table: &CoreTable, form: &[f32; 9], root: f32) {
+        let [g0, g1, g2] = &table.gradient;
+        let vector = &mut self.vectors[self.count];
+        for (vector, m) in vector.iter_mut().zip(form.as_chunks::<3>().0) {
+            let m = [m[0] * root, m[1] * root, m[2] * root];
+            for c in 0..8 {
+                vector[c] = m[0] * g0[c] + m[1] * g1[c] + m[2] * g2[c];
+            }
+        }
+        self.count += 1;
     }
 
     /// Sets the matrix to the sum.
@@ -140,6 +146,14 @@ impl CoreSum {
             *block = sum;
         }
     }
+}
+
+/// Takes one matrix from another.
+#[inline(always)]
+pub(super) fn subtract(taken: &ElementMatrix, out: &mut ElementMatrix) {
+    let taken = taken.as_flattened().as_flattened();
+    let out = out.as_flattened_mut().as_flattened_mut();
+    out.iter_mut().zip(taken).for_each(|(out, x)| *out -= x);
 }
 
 /// Core tables, one for every size, place in the parent, and set of held corners that occurs.

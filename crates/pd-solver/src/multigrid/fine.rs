@@ -9,8 +9,10 @@
 //! four times too stiff, and conjugate gradients take 10 instead of 6 iterations on a box.) Sixteen elements go side by side.
 
 use super::grid::Grid;
+use super::kept_volume::{keep_volume, volume_diagonal};
 use super::layout::{LANES, Lanes, Layout, load, over_slabs};
 use super::modes::{BILINEAR, LINEAR, MEAN_SQUARES, TRILINEAR, sign, stiffness};
+use super::touch::FineTouch;
 use pulp::{Arch, Simd, WithSimd};
 use rayon::prelude::*;
 use std::ops::Range;
@@ -19,7 +21,7 @@ use std::ops::Range;
 pub(super) const CORE: usize = 27;
 
 /// Sixteen elements whose corners follow one another in memory.
-struct Block {
+pub(super) struct Block {
     /// Slots of the first element's corners, relative to the slab's part.
     base: [u32; 8],
     /// Factor on the stiffness; zero where there is no element.
@@ -37,9 +39,10 @@ struct Form {
 }
 
 /// The elements between two lattice planes.
-struct Slab {
+pub(super) struct Slab {
     blocks: Range<usize>,
     forms: Vec<Form>,
+    pub(super) touches: Vec<FineTouch>,
     /// Distance between components in its two planes.
     step: [usize; 2],
 }
@@ -49,10 +52,12 @@ pub(super) struct FineOperator {
     /// The same for vectors of six components.
     doubled: Vec<usize>,
     parallel: bool,
-    slabs: Vec<Slab>,
+    pub(super) slabs: Vec<Slab>,
     blocks: Vec<Block>,
+    /// Per block, what each element does against a change of its volume; empty where nothing does.
+    pub(super) normals: Vec<[Lanes; 9]>,
     /// The element in each lane of each block; `u32::MAX` where there is none.
-    elements: Vec<[u32; LANES]>,
+    pub(super) elements: Vec<[u32; LANES]>,
     stiffness: Stiffness,
     arch: Arch,
 }
@@ -86,6 +91,7 @@ impl FineOperator {
             parallel: layout.parallel(),
             slabs: Vec::new(),
             blocks: Vec::new(),
+            normals: Vec::new(),
             elements: Vec::new(),
             stiffness: Stiffness {
                 modes: modes.map(|m| (m / linear) as f32),
@@ -153,6 +159,7 @@ impl FineOperator {
         self.slabs.push(Slab {
             blocks: first_block..self.blocks.len(),
             forms: Vec::new(),
+            touches: Vec::new(),
             step: [layout.step(plane), layout.step(plane + 1)],
         });
     }
@@ -176,6 +183,10 @@ impl FineOperator {
             });
     }
 
+    fn normals_of(&self, slab: &Slab) -> &[[Lanes; 9]] {
+        self.normals.get(slab.blocks.clone()).unwrap_or_default()
+    }
+
     /// Share of the lanes that hold an element.
     #[cfg(test)]
     pub(super) fn occupancy(&self) -> f64 {
@@ -193,6 +204,7 @@ impl FineOperator {
             self.arch.dispatch(Product {
                 slab,
                 blocks: &self.blocks[slab.blocks.clone()],
+                normals: self.normals_of(slab),
                 stiffness: &self.stiffness,
                 x,
                 y: part,
@@ -207,6 +219,7 @@ impl FineOperator {
             self.arch.dispatch(Diagonal {
                 slab,
                 blocks: &self.blocks[slab.blocks.clone()],
+                normals: self.normals_of(slab),
                 stiffness: &self.stiffness,
                 out: part,
             });
@@ -217,7 +230,7 @@ impl FineOperator {
 /// Slot of a corner of a block's first element, one component, as offset into the slab's part. A plane holds `components`
 /// components of each node.
 #[inline(always)]
-fn corner(block: &Block, step: [usize; 2], component: usize, components: usize, n: usize) -> usize {
+pub(super) fn corner(block: &Block, step: [usize; 2], component: usize, components: usize, n: usize) -> usize {
     let base = block.base[n] as usize;
     // Bases are given for vectors of three components; the second plane starts behind all components of the first.
     if n < 4 {
@@ -228,7 +241,7 @@ fn corner(block: &Block, step: [usize; 2], component: usize, components: usize, 
 }
 
 #[inline(always)]
-fn add_to<S: Simd>(simd: S, data: &mut [f32], at: usize, value: S::f32s) {
+pub(super) fn add_to<S: Simd>(simd: S, data: &mut [f32], at: usize, value: S::f32s) {
     let place = &mut S::as_mut_simd_f32s(&mut data[at..at + S::F32_LANES]).0[0];
     *place = simd.add_f32s(*place, value);
 }
@@ -237,6 +250,7 @@ fn add_to<S: Simd>(simd: S, data: &mut [f32], at: usize, value: S::f32s) {
 struct Product<'a> {
     slab: &'a Slab,
     blocks: &'a [Block],
+    normals: &'a [[Lanes; 9]],
     stiffness: &'a Stiffness,
     x: &'a [f32],
     y: &'a mut [f32],
@@ -279,6 +293,11 @@ impl WithSimd for Product<'_> {
                 }
             }
         }
+        for (block, normal) in self.blocks.iter().zip(self.normals) {
+            for shift in (0..LANES).step_by(S::F32_LANES) {
+                keep_volume(simd, block, normal, shift, step, self.x, self.y);
+            }
+        }
         for form in &self.slab.forms {
             for component in 0..3 {
                 let at = |&(slot, step, _): &(u32, u32, f32)| (slot + component * step) as usize;
@@ -287,6 +306,9 @@ impl WithSimd for Product<'_> {
                     self.y[at(n)] += form.stiffness * n.2 * value;
                 }
             }
+        }
+        for touch in &self.slab.touches {
+            touch.apply(self.x, self.y);
         }
     }
 }
@@ -358,7 +380,7 @@ fn core_force<S: Simd>(
 
 /// Mode coefficients of corner values, in place: sums and differences along each axis.
 #[inline(always)]
-fn to_modes<S: Simd>(simd: S, x: &mut [S::f32s; 8]) {
+pub(super) fn to_modes<S: Simd>(simd: S, x: &mut [S::f32s; 8]) {
     for axis in LINEAR {
         for low in 0..8 {
             if low & axis == 0 {
@@ -372,7 +394,7 @@ fn to_modes<S: Simd>(simd: S, x: &mut [S::f32s; 8]) {
 
 /// Corner forces of mode forces, in place: the transpose.
 #[inline(always)]
-fn from_modes<S: Simd>(simd: S, a: &mut [S::f32s; 8]) {
+pub(super) fn from_modes<S: Simd>(simd: S, a: &mut [S::f32s; 8]) {
     for axis in LINEAR {
         for low in 0..8 {
             if low & axis == 0 {
@@ -388,6 +410,7 @@ fn from_modes<S: Simd>(simd: S, a: &mut [S::f32s; 8]) {
 struct Diagonal<'a> {
     slab: &'a Slab,
     blocks: &'a [Block],
+    normals: &'a [[Lanes; 9]],
     stiffness: &'a Stiffness,
     out: &'a mut [f32],
 }
@@ -440,7 +463,7 @@ fn take_diagonal<S: Simd>(
 }
 
 /// Places of the six entries of a symmetric matrix.
-const SYMMETRIC: [(usize, usize); 6] = [(0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)];
+pub(super) const SYMMETRIC: [(usize, usize); 6] = [(0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)];
 
 impl WithSimd for Diagonal<'_> {
     type Output = ();
@@ -465,6 +488,16 @@ impl WithSimd for Diagonal<'_> {
                 }
             }
         }
+        for (block, normal) in self.blocks.iter().zip(self.normals) {
+            for shift in (0..LANES).step_by(S::F32_LANES) {
+                for n in 0..8 {
+                    let d = volume_diagonal(simd, normal, shift, n);
+                    for (c, d) in d.iter().enumerate() {
+                        add_to(simd, self.out, corner(block, step, c, 6, n) + shift, *d);
+                    }
+                }
+            }
+        }
         for form in &self.slab.forms {
             for &(slot, step3, w) in &form.nodes {
                 // From a place among three components to one among six.
@@ -475,6 +508,9 @@ impl WithSimd for Diagonal<'_> {
                     self.out[slot + component * step3 as usize] += form.stiffness * w * w;
                 }
             }
+        }
+        for touch in &self.slab.touches {
+            touch.add_diagonal(3 * step[0], self.out);
         }
     }
 }

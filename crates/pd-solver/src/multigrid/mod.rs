@@ -13,14 +13,17 @@ mod element_matrix;
 mod fine;
 mod grid;
 mod hierarchy;
+mod kept_volume;
 mod layout;
 mod level;
 mod modes;
 mod stencil;
 #[cfg(test)]
 mod tests;
+mod touch;
 mod transfer;
 
+use crate::element_finder::Touch;
 use crate::vector::{NodalVector, max_norm};
 use coarse::{Coarse, set_up};
 use cores::{Cores, Curvature, GROUP, Symmetric};
@@ -31,6 +34,7 @@ pub(crate) use fine::ElementForm;
 use fine::{CORE, FineOperator};
 pub(crate) use grid::{DisjointSets, Grid};
 pub(crate) use hierarchy::Hierarchy;
+use kept_volume::KeptVolume;
 use layout::Layout;
 use level::{Level, Operator};
 use modes::{LINEAR, stiffness};
@@ -57,6 +61,8 @@ pub(crate) struct Multigrid {
     /// Mean A of every element, per level.
     actuation: Vec<Vec<Symmetric>>,
     cores: Vec<[f32; CORE]>,
+    /// Where something keeps volumes.
+    kept: Option<KeptVolume>,
     /// Which Hessian the cycle from each level down is built on.
     curvature: Vec<Curvature>,
     /// Stiffness of a linear mode of an element on the finest level: the unit of all operators.
@@ -67,10 +73,11 @@ pub(crate) struct Multigrid {
 }
 
 impl Multigrid {
-    /// The preconditioner of a body of elastic stiffness `elastic` and `samples` per element, with linear forms (springs) on each level.
+    /// The preconditioner of a body of stiffness `elastic`, and `keeping` against changes of volume, and `samples` per element, with linear
+    /// forms (springs) on each level.
     pub(crate) fn new(
         hierarchy: Hierarchy,
-        elastic: f64,
+        (elastic, keeping): (f64, f64),
         samples: usize,
         forms: Vec<Vec<ElementForm>>,
     ) -> Self {
@@ -128,6 +135,7 @@ impl Multigrid {
             curvature: vec![Curvature::True; levels.len()],
             dense: Dense::new(&levels[last].layout, &levels[last].held),
             cores: vec![[0.0; CORE]; grids[0].elements.len()],
+            kept: KeptVolume::new(keeping, elastic, grids[0].elements.len()),
             actuation: inverse_sizes
                 .iter()
                 .map(|v| vec![identity; v.len()])
@@ -186,6 +194,17 @@ impl Multigrid {
         }
     }
 
+    /// Takes over what touches on the finest level, from the next building there on.
+    pub(crate) fn set_touches(&mut self, touches: &[Touch]) {
+        let scale = self.unit.sqrt().recip();
+        let level = &mut self.levels[0];
+        if let Operator::Fine(operator) = &mut level.operator {
+            let grid = &self.hierarchy.grids[0];
+            operator.set_touches(grid, &level.layout, touches, scale);
+        }
+        self.coarse[0].set_touches(&self.hierarchy, touches, scale);
+    }
+
     /// Mean A of the elements on a level.
     pub(crate) fn actuation(&self, level: usize) -> &[Symmetric] {
         &self.actuation[level]
@@ -214,20 +233,34 @@ impl Multigrid {
                     out,
                 });
             });
+        if let Some(kept) = &mut self.kept {
+            kept.set(elements, inverse, u);
+        }
         if let Operator::Fine(operator) = &mut self.levels[0].operator
             && level == 0
         {
             operator.set_cores(&self.cores);
+            if let Some(kept) = &self.kept {
+                operator.set_normals(&kept.normals);
+            }
             self.levels[0].refresh();
         }
         let last = self.levels.len() - 1;
         for l in level.max(1)..=last {
             let (before, after) = self.coarse.split_at_mut(l - 1);
             let coarse = &mut after[0];
+            let (grid, tables) = (&self.hierarchy.grids[l], &self.tables);
             if l == level {
-                coarse.set_own(&self.hierarchy.grids[l], &self.cores, &self.tables);
+                coarse.set_own(grid, &self.cores, tables);
+                if let Some(kept) = &self.kept {
+                    coarse.add_own_normals(grid, &kept.normals, tables);
+                }
             } else if l == 1 {
-                coarse.set_from_cores(&self.cores, &self.tables);
+                coarse.set_from_cores(&self.cores, tables);
+                if let Some(kept) = &self.kept {
+                    coarse.add_normals(&kept.normals, tables);
+                }
+                coarse.add_touches();
             } else {
                 coarse.set_from_matrices(&before[l - 2].matrices);
             }

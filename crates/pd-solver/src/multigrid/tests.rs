@@ -64,7 +64,7 @@ fn multigrid(mesh: &HexMesh) -> Multigrid {
     let held = held(mesh);
     let hierarchy = Hierarchy::new(mesh, &held, None).expect("a hierarchy");
     let forms = vec![Vec::new(); hierarchy.grids.len()];
-    Multigrid::new(hierarchy, 3.0, 8, forms)
+    Multigrid::new(hierarchy, (3.0, 0.0), 8, forms)
 }
 
 /// Interpolation reproduces every linear function; each coarse grid holds the whole volume and as many pieces as the fine one.

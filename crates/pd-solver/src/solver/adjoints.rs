@@ -92,7 +92,7 @@ impl Solver {
                 _ => unreachable!("factored above"),
             };
             problem.linearise(u);
-            pre.prepare(u);
+            pre.prepare(problem, u);
             for (cotangent, out) in cotangents.iter().zip(out) {
                 adjoint(problem, pre, space, u, cotangent, options, out);
             }

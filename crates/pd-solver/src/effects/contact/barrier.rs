@@ -76,6 +76,20 @@ impl Barrier {
         })
     }
 
+    /// The form along the distance whose square is most of the Hessian; none where nothing is felt.
+    pub(crate) fn stiffest(&self, x: &Quad) -> Option<Gradient> {
+        if boxes_apart(self.kind, x, self.dhat) {
+            return None;
+        }
+        let nearest = Nearest::of(self.kind, x);
+        let d = nearest.squared().sqrt();
+        let [_, _, second] = phi(d / self.dhat);
+        let share = self.mollifier(x).map_or(1.0, |[share, ..]| share);
+        let root = (share * self.strength * second / self.dhat).sqrt() / d;
+        let form = Gradient::from_fn(|i, _| root * nearest.beta[i / 3] * nearest.q[i % 3]);
+        (root > 0.0 && root.is_finite()).then_some(form)
+    }
+
     /// The Hessian; none where nothing is felt.
     pub(crate) fn hessian(&self, x: &Quad) -> Option<Hessian> {
         if boxes_apart(self.kind, x, self.dhat) {

@@ -53,14 +53,10 @@ pub(crate) fn free_share(kind: Kind, x: &Quad, p: &Quad, limit: f64) -> f64 {
 
 /// Whether boxes around the ways of both stay farther apart than `kept`.
 fn apart(kind: Kind, x: &Quad, p: &Quad, kept: f64) -> bool {
-    let first = match kind {
-        Kind::VertexTriangle => 1,
-        Kind::EdgeEdge => 2,
-    };
     (0..3).any(|axis| {
         let (mut low, mut high) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
         for i in 0..4 {
-            let side = usize::from(i >= first);
+            let side = usize::from(i >= kind.first());
             for at in [x[i][axis], x[i][axis] + p[i][axis]] {
                 (low[side], high[side]) = (low[side].min(at), high[side].max(at));
             }

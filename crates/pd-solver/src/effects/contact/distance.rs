@@ -23,6 +23,16 @@ pub(crate) enum Kind {
     EdgeEdge,
 }
 
+impl Kind {
+    /// How many of the points are those of the first thing.
+    pub(crate) fn first(self) -> usize {
+        match self {
+            Kind::VertexTriangle => 1,
+            Kind::EdgeEdge => 2,
+        }
+    }
+}
+
 /// The nearest points of a pair: `q = sum_i beta[i] x[i]` leads from one to the other.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Nearest {
@@ -100,11 +110,7 @@ impl Nearest {
 
 /// Whether boxes around both are at least this far apart, along one axis: a quick no.
 pub(crate) fn boxes_apart(kind: Kind, x: &Quad, distance: f64) -> bool {
-    let first = match kind {
-        Kind::VertexTriangle => 1,
-        Kind::EdgeEdge => 2,
-    };
-    let (one, other) = x.split_at(first);
+    let (one, other) = x.split_at(kind.first());
     (0..3).any(|axis| {
         let low = |part: &[Vector3<f64>]| part.iter().fold(f64::INFINITY, |a, x| a.min(x[axis]));
         let high =
