@@ -1,12 +1,4 @@
-//! Which elements hold which nodes: preconditioners take what an effect does as forms over the corners of one element each.
-
-use nalgebra::Vector3;
-
-/// A form over the corners of one element, by its coefficients of all corners' x, y and z: the Hessian has its square.
-pub(crate) struct Touch {
-    pub(crate) element: u32,
-    pub(crate) vector: [[f64; 8]; 3],
-}
+//! Which elements hold which nodes.
 
 /// Elements around each node as linked lists, lowest element first.
 pub(crate) struct ElementFinder {
@@ -28,40 +20,23 @@ impl ElementFinder {
         Self { first, next }
     }
 
-    /// The elements that a node is a corner of.
-    pub(crate) fn around(&self, node: u32) -> impl Iterator<Item = u32> {
-        let place = |at: u32| (at != u32::MAX).then_some(at);
-        let first = place(self.first[node as usize]);
-        let after = move |at: &u32| place(self.next[*at as usize / 8][*at as usize % 8]);
-        std::iter::successors(first, after).map(|at| at / 8)
-    }
-
-    /// Cuts a form over any nodes into forms over elements: into one where an element has all of them.
-    pub(crate) fn cut(
+    /// The first element that has all of these nodes.
+    pub(crate) fn with_all(
         &self,
         elements: &[[u32; 8]],
-        form: &[(u32, Vector3<f64>)],
-        out: &mut Vec<Touch>,
-    ) {
-        let mut rest = form.to_vec();
-        while let Some(&(node, _)) = rest.first() {
-            let held = |e: &u32| {
-                let corners = &elements[*e as usize];
-                rest.iter().filter(|(n, _)| corners.contains(n)).count()
-            };
-            let Some(element) = self.around(node).max_by_key(held) else {
-                return;
-            };
-            let corners = &elements[element as usize];
-            let mut vector = [[0.0; 8]; 3];
-            rest.retain(|(node, v)| {
-                let corner = corners.iter().position(|n| n == node);
-                if let Some(corner) = corner {
-                    vector.iter_mut().zip(v).for_each(|(row, v)| row[corner] += v);
-                }
-                corner.is_none()
-            });
-            out.push(Touch { element, vector });
+        mut nodes: impl Iterator<Item = u32> + Clone,
+    ) -> Option<u32> {
+        let place = |at: u32| (at != u32::MAX).then_some(at);
+        let first = place(self.first[nodes.next()? as usize]);
+        let after = |at: &u32| place(self.next[*at as usize / 8][*at as usize % 8]);
+        let around = std::iter::successors(first, after).map(|at| at / 8);
+        let has_all = |e: &u32| {
+            let corners = &elements[*e as usize];
+            nodes.clone().all(|n| corners.contains(&n))
+        };
+        {
+            let mut around = around;
+            around.find(has_all)
         }
     }
 }

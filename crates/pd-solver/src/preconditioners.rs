@@ -2,7 +2,6 @@
 
 use crate::constant::ConstantSystem;
 use crate::methods::Preconditioner;
-use crate::element_finder::ElementFinder;
 use crate::multigrid::Multigrid;
 use crate::problem::Problem;
 use crate::vector::NodalVector;
@@ -50,8 +49,6 @@ pub(crate) struct Cycle {
     /// Much of the body is one element thick. It bends by modes that the cycle sees only as constant stiffness, several times too
     /// stiff.
     thin: bool,
-    /// Made when something first touches.
-    finder: Option<ElementFinder>,
     /// Whether anything touched where it was built.
     touched: bool,
 }
@@ -63,7 +60,6 @@ impl Cycle {
             multigrid,
             built_at: Vec::new(),
             element_size,
-            finder: None,
             touched: false,
         }
     }
@@ -82,14 +78,11 @@ impl Cycle {
 
     /// Takes over what touches at `u`; whether that is anything, or was. Barriers bend so much that no two states are alike.
     fn see_touches(&mut self, problem: &mut Problem, u: &[Vector3<f64>]) -> bool {
-        let elements = &self.multigrid.hierarchy().grids[0].elements;
-        let new = || ElementFinder::new(elements, u.len());
-        let finder = self.finder.get_or_insert_with(new);
-        let touches = problem.touches(u, elements, finder);
-        let changes = self.touched || !touches.is_empty();
-        self.touched = !touches.is_empty();
+        let touches = problem.touches(u);
+        let before = std::mem::replace(&mut self.touched, !touches.is_empty());
+        let changes = before || self.touched;
         if changes {
-            self.multigrid.set_touches(&touches);
+            self.multigrid.set_touches(touches);
         }
         changes
     }

@@ -4,10 +4,10 @@ use crate::activation::Activation;
 use crate::approach;
 use crate::constant::ConstantSystem;
 use crate::effects::{Batches, CoarseView, Effect, Stepping, build, springs::Springs};
-use crate::element_finder::{ElementFinder, Touch};
+use crate::element_finder::ElementFinder;
 use crate::error::SolverError;
 use crate::floating::{FloatingPart, PIN};
-use crate::multigrid::{ElementForm, Hierarchy};
+use crate::multigrid::{ElementForm, Form, Hierarchy};
 use crate::parameters::Parameters;
 use crate::solution::Work;
 use crate::spec::EffectSpec;
@@ -196,11 +196,7 @@ impl Problem {
         let finder = ElementFinder::new(elements, self.rest.len());
         for effect in self.in_preconditioners() {
             effect.for_each_form(&mut |nodes, weights, stiffness| {
-                let has_all = |e: &u32| {
-                    let corners = &elements[*e as usize];
-                    nodes.iter().all(|n| corners.contains(n))
-                };
-                if let Some(element) = finder.around(nodes[0]).find(has_all) {
+                if let Some(element) = finder.with_all(elements, nodes.iter().copied()) {
                     let corners = &elements[element as usize];
                     let of_corner = |c: usize| {
                         let terms = nodes.iter().zip(weights);
@@ -216,18 +212,9 @@ impl Problem {
         forms
     }
 
-    /// What touches at `u`, as forms over elements.
-    pub(crate) fn touches(
-        &mut self,
-        u: &[Vector3<f64>],
-        elements: &[[u32; 8]],
-        finder: &ElementFinder,
-    ) -> Vec<Touch> {
-        let mut touches = Vec::new();
-        for effect in &mut self.effects {
-            effect.for_each_touch(u, &mut |form| finder.cut(elements, form, &mut touches));
-        }
-        touches
+    /// What touches at `u`, as forms over nodes.
+    pub(crate) fn touches(&mut self, u: &[Vector3<f64>]) -> Vec<Form> {
+        self.effects.iter_mut().flat_map(|e| e.touches(u)).collect()
     }
 
     /// Stiffness against changes of volume, an energy per volume, for preconditioners.

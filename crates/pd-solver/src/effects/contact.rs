@@ -21,14 +21,15 @@ mod set_up;
 mod topology;
 
 use super::points::Points;
-use super::{CoarseView, Effect, TouchVisitor};
+use super::{CoarseView, Effect};
 use crate::constant::ConstantMatrix;
 use crate::error::SolverError;
+use crate::multigrid::Form;
 use crate::parameters::Parameters;
 use crate::vector::NodalVector;
 use barrier::above_plane;
 use distance::{Gradient, Hessian};
-use list::PairList;
+use list::{PairList, Reach};
 use nalgebra::Vector3;
 use rayon::prelude::*;
 pub use report::ContactReport;
@@ -97,9 +98,17 @@ impl Contact {
     fn look(&mut self, u: &[Vector3<f64>]) -> Vec<Vector3<f64>> {
         let mut x = take(&mut self.x);
         self.gather(u, &mut x);
-        let reach = (self.dhat, self.margin);
-        self.list.prepare(&self.topology, self.own, &x, reach);
+        let reach = self.reach();
+        self.list.prepare(&self.topology, &x, reach);
         x
+    }
+
+    fn reach(&self) -> Reach {
+        Reach {
+            own: self.own,
+            dhat: self.dhat,
+            margin: self.margin,
+        }
     }
 
     /// Zeros for the forces on all points; to be given back.
@@ -119,6 +128,24 @@ impl Contact {
             let near = distances.filter(|(_, d)| *d < self.dhat);
             near.map(move |(p, d)| (p, k, d))
         })
+    }
+
+    /// What a form over points is over nodes; points of obstacles are no unknowns.
+    fn form(&self, points: &[u32], of_point: impl Fn(usize) -> Vector3<f64>) -> Form {
+        let mut form = Form::new();
+        for (k, &p) in points.iter().enumerate() {
+            let v = of_point(k);
+            if v == Vector3::zeros() || !self.topology.is_own(p) {
+                continue;
+            }
+            for &(node, weight) in self.points.terms(p as usize) {
+                match form.iter_mut().find(|(n, _)| *n == node) {
+                    Some((_, sum)) => *sum += v * weight,
+                    None => form.push((node, v * weight)),
+                }
+            }
+        }
+        form
     }
 
     fn product(&self, active: &Active, d: &[Vector3<f64>]) -> Gradient {
@@ -296,35 +323,22 @@ impl Effect for Contact {
         Some(report)
     }
 
-    fn for_each_touch(&mut self, u: &[Vector3<f64>], f: TouchVisitor) {
+    fn touches(&mut self, u: &[Vector3<f64>]) -> Vec<Form> {
         let x = self.look(u);
-        let mut form = Vec::new();
-        let add = |form: &mut Vec<_>, point: usize, v: Vector3<f64>| {
-            let terms = self.points.terms(point).iter();
-            form.extend(terms.map(|&(node, weight)| (node, v * weight)));
-        };
-        for (point, plane, d) in self.near_planes(&x) {
+        let on_plane = |(point, plane, d): (usize, usize, f64)| {
             let [_, _, bend] = above_plane(self.topology.strength(point), self.dhat, d);
-            form.clear();
-            add(&mut form, point, self.planes[plane].normal * bend.sqrt());
-            f(&form);
-        }
-        for pair in &self.list.pairs {
-            let Some(stiffest) = pair.barrier.stiffest(&pair.gather(&x)) else {
-                continue;
-            };
-            let first = pair.barrier.kind.first();
-            for side in [0..first, first..4] {
-                form.clear();
-                for k in side.filter(|&k| self.topology.is_own(pair.points[k])) {
-                    add(&mut form, pair.points[k] as usize, part(&stiffest, k));
-                }
-                if !form.is_empty() {
-                    f(&form);
-                }
-            }
-        }
+            let normal = &self.planes[plane].normal;
+            self.form(&[point as u32], |_| normal * bend.sqrt())
+        };
+        let of_pair = |pair: &Pair| {
+            let stiffest = pair.barrier.stiffest(&pair.gather(&x))?;
+            Some(self.form(&pair.points, |k| part(&stiffest, k)))
+        };
+        let mut touches: Vec<Form> = self.near_planes(&x).map(on_plane).collect();
+        let pairs = self.list.pairs.par_iter().with_min_len(CHUNK);
+        touches.par_extend(pairs.filter_map(of_pair));
         self.x = x;
+        touches
     }
 
     fn largest_diagonal(&self) -> f64 {

@@ -14,7 +14,7 @@ mod volume;
 
 use crate::constant::ConstantMatrix;
 use crate::error::SolverError;
-use crate::multigrid::{Grid, Transfer};
+use crate::multigrid::{Form, Grid, Transfer};
 use crate::parameters::Parameters;
 use crate::vector::NodalVector;
 pub(crate) use build::{Batches, Stepping, build};
@@ -25,9 +25,6 @@ use nalgebra::Vector3;
 
 /// Takes the nodes, the weights and the stiffness of a linear form.
 pub(crate) type FormVisitor<'a> = &'a mut dyn FnMut(&[u32], &[f64], f64);
-
-/// Takes a form over nodes by its coefficients.
-pub(crate) type TouchVisitor<'a> = &'a mut dyn FnMut(&[(u32, Vector3<f64>)]);
 
 /// What an effect can contribute to a problem. Dispatch is once per batch, never inside a loop over elements.
 ///
@@ -99,9 +96,10 @@ pub(crate) trait Effect: Send + Sync {
     /// not elastic: what a preconditioner has to know of springs.
     fn for_each_form(&self, _f: FormVisitor) {}
 
-    /// Calls `f` with every form whose square is most of the Hessian of something that touches at `u`, one for each side of it: what a
-    /// preconditioner has to know of contact.
-    fn for_each_touch(&mut self, _u: &[Vector3<f64>], _f: TouchVisitor) {}
+    /// Forms over nodes whose squares are most of the Hessian of what touches at `u`: what a preconditioner has to know of contact.
+    fn touches(&mut self, _u: &[Vector3<f64>]) -> Vec<Form> {
+        Vec::new()
+    }
 
     /// Stiffness against changes of volume, an energy per volume: what a preconditioner has to know of it.
     fn volume_stiffness(&self) -> f64 {

@@ -7,7 +7,6 @@ use super::fine::{CORE, ElementForm};
 use super::grid::Grid;
 use super::hierarchy::Hierarchy;
 use super::kept_volume::Normal;
-use super::touch::CoarseTouch;
 use rayon::prelude::*;
 
 /// Matrices per task.
@@ -34,8 +33,6 @@ pub(super) struct Coarse {
     children: Vec<Child>,
     /// Forms of the finest level as this one sees them; only on the level next to it, coarser ones get them from there.
     inherited: Vec<ElementForm>,
-    /// What touches on the finest level, on the level next to it.
-    pub(super) touches: Vec<CoarseTouch>,
     /// Forms of this level's own problem.
     own: Vec<ElementForm>,
     /// Table of each element for this level's own problem, and its weight.
@@ -98,7 +95,6 @@ pub(super) fn set_up(
         tables: (0..grid.elements.len()).map(of_element).collect(),
         matrices: vec![ZERO; grid.elements.len()],
         inherited: inherited.iter().map(to_parent).collect(),
-        touches: Vec::new(),
         own: own.iter().map(|&(e, w, k)| (e, w, k / unit)).collect(),
         offsets,
         children,
@@ -142,12 +138,7 @@ impl Coarse {
     }
 
     /// Adds what this level's own elements do against changes of their volume.
-    pub(super) fn add_own_normals(
-        &mut self,
-        grid: &Grid,
-        normals: &[Normal],
-        tables: &CoreTables,
-    ) {
+    pub(super) fn add_own_normals(&mut self, grid: &Grid, normals: &[Normal], tables: &CoreTables) {
         self.fill(AddOwnNormals {
             normals,
             tables,

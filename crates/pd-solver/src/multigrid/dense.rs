@@ -3,6 +3,7 @@
 use super::grid::Grid;
 use super::layout::Layout;
 use super::stencil::Stencil;
+use super::touch::Bridge;
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 
 /// What is added to the diagonal, relative to its largest entry: the entries are in single precision, and directions whose
@@ -37,7 +38,7 @@ impl Dense {
     }
 
     /// Factors the operator's present entries; false where they are not positive definite.
-    pub(super) fn factor(&mut self, stencil: &Stencil, grid: &Grid) -> bool {
+    pub(super) fn factor(&mut self, stencil: &Stencil, bridges: &[Bridge], grid: &Grid) -> bool {
         let n = self.slots.len();
         // The last factor's memory is used again.
         let mut matrix = match self.factor.take() {
@@ -52,6 +53,14 @@ impl Dense {
                 matrix[(row as usize + i, column as usize + j)] = value as f64;
             }
         });
+        for bridge in bridges {
+            bridge.for_each_entry(|row, column, i, j, value| {
+                let rows = (self.rows[row as usize], self.rows[column as usize]);
+                if let (Some(row), Some(column)) = rows {
+                    matrix[(row as usize + i, column as usize + j)] += f64::from(value);
+                }
+            });
+        }
         let largest = matrix.diagonal().max();
         for i in 0..n {
             matrix[(i, i)] += SHIFT * largest;

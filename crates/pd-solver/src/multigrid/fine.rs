@@ -12,7 +12,6 @@ use super::grid::Grid;
 use super::kept_volume::{keep_volume, volume_diagonal};
 use super::layout::{LANES, Lanes, Layout, load, over_slabs};
 use super::modes::{BILINEAR, LINEAR, MEAN_SQUARES, TRILINEAR, sign, stiffness};
-use super::touch::FineTouch;
 use pulp::{Arch, Simd, WithSimd};
 use rayon::prelude::*;
 use std::ops::Range;
@@ -39,10 +38,9 @@ struct Form {
 }
 
 /// The elements between two lattice planes.
-pub(super) struct Slab {
+struct Slab {
     blocks: Range<usize>,
     forms: Vec<Form>,
-    pub(super) touches: Vec<FineTouch>,
     /// Distance between components in its two planes.
     step: [usize; 2],
 }
@@ -52,7 +50,7 @@ pub(super) struct FineOperator {
     /// The same for vectors of six components.
     doubled: Vec<usize>,
     parallel: bool,
-    pub(super) slabs: Vec<Slab>,
+    slabs: Vec<Slab>,
     blocks: Vec<Block>,
     /// Per block, what each element does against a change of its volume; empty where nothing does.
     pub(super) normals: Vec<[Lanes; 9]>,
@@ -159,7 +157,6 @@ impl FineOperator {
         self.slabs.push(Slab {
             blocks: first_block..self.blocks.len(),
             forms: Vec::new(),
-            touches: Vec::new(),
             step: [layout.step(plane), layout.step(plane + 1)],
         });
     }
@@ -230,7 +227,13 @@ impl FineOperator {
 /// Slot of a corner of a block's first element, one component, as offset into the slab's part. A plane holds `components`
 /// components of each node.
 #[inline(always)]
-pub(super) fn corner(block: &Block, step: [usize; 2], component: usize, components: usize, n: usize) -> usize {
+pub(super) fn corner(
+    block: &Block,
+    step: [usize; 2],
+    component: usize,
+    components: usize,
+    n: usize,
+) -> usize {
     let base = block.base[n] as usize;
     // Bases are given for vectors of three components; the second plane starts behind all components of the first.
     if n < 4 {
@@ -306,9 +309,6 @@ impl WithSimd for Product<'_> {
                     self.y[at(n)] += form.stiffness * n.2 * value;
                 }
             }
-        }
-        for touch in &self.slab.touches {
-            touch.apply(self.x, self.y);
         }
     }
 }
@@ -508,9 +508,6 @@ impl WithSimd for Diagonal<'_> {
                     self.out[slot + component * step3 as usize] += form.stiffness * w * w;
                 }
             }
-        }
-        for touch in &self.slab.touches {
-            touch.add_diagonal(3 * step[0], self.out);
         }
     }
 }

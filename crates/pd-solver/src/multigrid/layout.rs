@@ -100,6 +100,17 @@ impl Layout {
         [slot, slot + step, slot + 2 * step]
     }
 
+    /// Adds six components at a node to a vector of six components.
+    pub(super) fn add_block(&self, node: usize, d: [f32; 6], out: &mut [f32]) {
+        let (slot, step) = (self.slots[node] as usize, self.steps[node] as usize);
+        // Planes are twice as long there as in a vector of three components.
+        let plane = self.starts.partition_point(|&start| start <= slot) - 1;
+        let first = slot + self.starts[plane];
+        for (c, d) in d.into_iter().enumerate() {
+            out[first + c * step] += d;
+        }
+    }
+
     /// `packed = scale * nodal` at the nodes; the padding is left alone.
     pub(super) fn pack(&self, nodal: &[Vector3<f64>], scale: f64, packed: &mut [f32]) {
         // Node by node in order of memory, so a plane's part is written by one thread.

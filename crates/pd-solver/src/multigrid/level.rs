@@ -3,6 +3,7 @@
 use super::fine::FineOperator;
 use super::layout::{Layout, for_parts, load};
 use super::stencil::Stencil;
+use super::touch::Bridge;
 use pulp::{Arch, Simd, WithSimd};
 use rayon::prelude::*;
 
@@ -29,9 +30,17 @@ impl Operator {
     }
 }
 
+/// `y = A x` with what touches.
+fn product(operator: &Operator, bridges: &[Bridge], x: &[f32], y: &mut [f32]) {
+    operator.apply(x, y);
+    bridges.iter().for_each(|bridge| bridge.apply(x, y));
+}
+
 pub(super) struct Level {
     pub(super) layout: Layout,
     pub(super) operator: Operator,
+    /// What touches and is not in the operator.
+    pub(super) bridges: Vec<Bridge>,
     /// Nodes whose values stay zero.
     pub(super) held: Vec<bool>,
     /// Inverse diagonal blocks, six components laid out like a vector; zero at held nodes and padding.
@@ -58,6 +67,7 @@ impl Level {
             d: layout.zeros(),
             layout,
             operator,
+            bridges: Vec::new(),
             held,
         }
     }
@@ -65,12 +75,19 @@ impl Level {
     /// Takes over the operator's new entries: inverts its diagonal and bounds its spectrum.
     pub(super) fn refresh(&mut self) {
         let mut inverse = std::mem::take(&mut self.inverse);
+        inverse.fill(0.0);
         match &self.operator {
-            Operator::Fine(operator) => {
-                inverse.fill(0.0);
-                operator.add_diagonal(&mut inverse);
+            Operator::Fine(operator) => operator.add_diagonal(&mut inverse),
+            Operator::Stencil(operator) => {
+                for node in 0..self.held.len() {
+                    self.layout
+                        .add_block(node, operator.diagonal(node), &mut inverse);
+                }
             }
-            Operator::Stencil(_) => {}
+        }
+        for bridge in &self.bridges {
+            let layout = &self.layout;
+            bridge.for_each_block(|node, d| layout.add_block(node as usize, d, &mut inverse));
         }
         self.invert_diagonal(&mut inverse);
         self.inverse = inverse;
@@ -89,10 +106,7 @@ impl Level {
                 let step = part.len() / 6;
                 for node in nodes {
                     let at = layout.slots[node] as usize - start;
-                    let d: [f32; 6] = match &self.operator {
-                        Operator::Fine(_) => std::array::from_fn(|c| part[c * step + at]),
-                        Operator::Stencil(operator) => operator.diagonal(node),
-                    };
+                    let d: [f32; 6] = std::array::from_fn(|c| part[c * step + at]);
                     let inverse = if self.held[node] {
                         [0.0; 6]
                     } else {
@@ -117,7 +131,7 @@ impl Level {
             if length == 0.0 {
                 break;
             }
-            self.operator.apply(&self.x, &mut self.y);
+            product(&self.operator, &self.bridges, &self.x, &mut self.y);
             let vectors = Vectors {
                 b: None,
                 y: Some(&self.y),
@@ -170,7 +184,7 @@ impl Level {
             if start {
                 self.x.fill(0.0);
             } else {
-                self.operator.apply(&self.x, &mut self.y);
+                product(&self.operator, &self.bridges, &self.x, &mut self.y);
             }
             let vectors = Vectors {
                 b: Some(&self.b),
@@ -183,7 +197,7 @@ impl Level {
 
     /// `y = b - A x`.
     pub(super) fn residual(&mut self) {
-        self.operator.apply(&self.x, &mut self.y);
+        product(&self.operator, &self.bridges, &self.x, &mut self.y);
         let one = |(y, b): (&mut [f32], &[f32])| y.iter_mut().zip(b).for_each(|(y, b)| *y = b - *y);
         if self.layout.parallel() {
             self.y

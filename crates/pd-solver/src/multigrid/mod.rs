@@ -23,7 +23,6 @@ mod tests;
 mod touch;
 mod transfer;
 
-use crate::element_finder::Touch;
 use crate::vector::{NodalVector, max_norm};
 use coarse::{Coarse, set_up};
 use cores::{Cores, Curvature, GROUP, Symmetric};
@@ -41,6 +40,8 @@ use modes::{LINEAR, stiffness};
 use nalgebra::Vector3;
 use rayon::prelude::*;
 use stencil::Stencil;
+pub(crate) use touch::Form;
+use touch::Touches;
 pub(crate) use transfer::Transfer;
 
 /// Elements per task.
@@ -63,6 +64,8 @@ pub(crate) struct Multigrid {
     cores: Vec<[f32; CORE]>,
     /// Where something keeps volumes.
     kept: Option<KeptVolume>,
+    /// Where something touches.
+    touches: Option<Touches>,
     /// Which Hessian the cycle from each level down is built on.
     curvature: Vec<Curvature>,
     /// Stiffness of a linear mode of an element on the finest level: the unit of all operators.
@@ -135,6 +138,7 @@ impl Multigrid {
             curvature: vec![Curvature::True; levels.len()],
             dense: Dense::new(&levels[last].layout, &levels[last].held),
             cores: vec![[0.0; CORE]; grids[0].elements.len()],
+            touches: None,
             kept: KeptVolume::new(keeping, elastic, grids[0].elements.len()),
             actuation: inverse_sizes
                 .iter()
@@ -195,14 +199,11 @@ impl Multigrid {
     }
 
     /// Takes over what touches on the finest level, from the next building there on.
-    pub(crate) fn set_touches(&mut self, touches: &[Touch]) {
-        let scale = self.unit.sqrt().recip();
-        let level = &mut self.levels[0];
-        if let Operator::Fine(operator) = &mut level.operator {
-            let grid = &self.hierarchy.grids[0];
-            operator.set_touches(grid, &level.layout, touches, scale);
-        }
-        self.coarse[0].set_touches(&self.hierarchy, touches, scale);
+    pub(crate) fn set_touches(&mut self, forms: Vec<Form>) {
+        let touches = self
+            .touches
+            .get_or_insert_with(|| Touches::new(&self.hierarchy));
+        touches.set(forms, self.unit.sqrt().recip());
     }
 
     /// Mean A of the elements on a level.
@@ -214,7 +215,6 @@ impl Multigrid {
     /// is not positive definite: then the cycle is not either.
     fn build(&mut self, level: usize, u: &[Vector3<f64>], curvature: Curvature) -> bool {
         self.builds += 1;
-        let mut definite = true;
         let elements = &self.hierarchy.grids[level].elements;
         let (inverse, actuation) = (&self.inverse_sizes[level], &self.actuation[level]);
         let arch = pulp::Arch::new();
@@ -243,7 +243,6 @@ impl Multigrid {
             if let Some(kept) = &self.kept {
                 operator.set_normals(&kept.normals);
             }
-            self.levels[0].refresh();
         }
         let last = self.levels.len() - 1;
         for l in level.max(1)..=last {
@@ -260,20 +259,24 @@ impl Multigrid {
                 if let Some(kept) = &self.kept {
                     coarse.add_normals(&kept.normals, tables);
                 }
-                coarse.add_touches();
             } else {
                 coarse.set_from_matrices(&before[l - 2].matrices);
             }
             if let Operator::Stencil(stencil) = &mut self.levels[l].operator {
                 stencil.assemble(&coarse.matrices);
-                if l == last {
-                    definite = self.dense.factor(stencil, &self.hierarchy.grids[l]);
-                }
-            }
-            if l < last {
-                self.levels[l].refresh();
             }
         }
+        // Coarse bodies touch nothing.
+        if let Some(touches) = self.touches.as_ref().filter(|_| level == 0) {
+            touches.add(&self.hierarchy, &mut self.levels);
+        }
+        self.levels[level..last].iter_mut().for_each(Level::refresh);
+        let coarsest = &self.levels[last];
+        let Operator::Stencil(stencil) = &coarsest.operator else {
+            unreachable!("there are two levels at least");
+        };
+        let grid = &self.hierarchy.grids[last];
+        let definite = self.dense.factor(stencil, &coarsest.bridges, grid);
         definite
     }
 

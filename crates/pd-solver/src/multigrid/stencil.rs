@@ -159,6 +159,17 @@ impl Stencil {
         BLOCKS.map(|(i, j)| self.entries.as_flattened()[first + (3 * i + j) * LANES])
     }
 
+    /// Adds the square of a form over an element's corners, by its coefficients of their x, y and z.
+    pub(super) fn add_square(&mut self, element: usize, vector: &[[f32; 8]; 3]) {
+        let entries = self.entries.as_flattened_mut();
+        for (pair, &target) in self.targets[element].iter().enumerate() {
+            for entry in 0..9 {
+                let product = vector[entry / 3][pair / 8] * vector[entry % 3][pair % 8];
+                entries[target as usize + entry * LANES] += product;
+            }
+        }
+    }
+
     /// Calls `f(row node, column node, row component, column component, value)` for all entries among an element's corners.
     pub(super) fn for_each_entry(
         &self,

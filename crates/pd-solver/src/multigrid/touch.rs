@@ -1,116 +1,160 @@
-//! What the cycle knows of contact: forms over the corners of single elements, anew at every building.
+//! What the cycle knows of contact: forms over nodes whose squares are added to the operators, anew at every building.
 //!
-//! What touches is stiff along one direction. On the finest level its forms are applied one by one, and the first coarse matrices get them by the
-//! Galerkin product; from there they go down with the rest. Two sides of the body that touch each other are held each by itself there.
+//! A form joins what touches, and that need not share an element. On the finest level forms are applied one by one. Coarser operators have their
+//! Galerkin products: where one element has all nodes of a form it goes into the stencil, and is applied one by one elsewhere, as between lips
+//! that lie in different coarse elements.
 
-use super::coarse::Coarse;
-use super::element_matrix::{BLOCKS, parent_weights};
-use super::fine::{FineOperator, Slab};
+use super::element_matrix::BLOCKS;
 use super::grid::Grid;
 use super::hierarchy::Hierarchy;
 use super::layout::Layout;
-use crate::element_finder::Touch;
+use super::level::{Level, Operator};
+use crate::element_finder::ElementFinder;
+use nalgebra::Vector3;
 
-/// The coefficients of a form at a node: slot of its x component relative to the slab's part, distance to the next components.
+/// A form over nodes by its coefficients, each node once.
+pub(crate) type Form = Vec<(u32, Vector3<f64>)>;
+
+/// What touches on the finest level, and what it takes to find its place on coarser ones.
+pub(super) struct Touches {
+    forms: Vec<Form>,
+    /// Per level but the finest.
+    finders: Vec<ElementFinder>,
+}
+
+impl Touches {
+    pub(super) fn new(hierarchy: &Hierarchy) -> Self {
+        let finder = |grid: &Grid| ElementFinder::new(&grid.elements, grid.node_count());
+        Self {
+            forms: Vec::new(),
+            finders: hierarchy.grids[1..].iter().map(finder).collect(),
+        }
+    }
+
+    /// Takes over what touches, in units of the operators by the factor `scale`.
+    pub(super) fn set(&mut self, forms: Vec<Form>, scale: f64) {
+        self.forms = forms;
+        let terms = self.forms.iter_mut().flatten();
+        terms.for_each(|(_, v)| *v *= scale);
+    }
+
+    /// Adds the forms to all operators; those of coarser levels were assembled without.
+    pub(super) fn add(&self, hierarchy: &Hierarchy, levels: &mut [Level]) {
+        let mut forms = self.forms.clone();
+        for (l, (level, grid)) in levels.iter_mut().zip(&hierarchy.grids).enumerate() {
+            level.bridges.clear();
+            if l > 0 {
+                forms
+                    .iter_mut()
+                    .for_each(|form| restrict(form, hierarchy, l - 1));
+                forms.retain(|form| !form.is_empty());
+            }
+            for form in &forms {
+                let nodes = form.iter().map(|(node, _)| *node);
+                match &mut level.operator {
+                    Operator::Stencil(stencil)
+                        if let Some(element) =
+                            self.finders[l - 1].with_all(&grid.elements, nodes.clone()) =>
+                    {
+                        let corners = &grid.elements[element as usize];
+                        let mut vector = [[0.0; 8]; 3];
+                        for (node, v) in form {
+                            let corner = corners.iter().position(|n| n == node);
+                            let corner = corner.expect("a corner of the element");
+                            (0..3).for_each(|axis| vector[axis][corner] = v[axis] as f32);
+                        }
+                        stencil.add_square(element as usize, &vector);
+                    }
+                    _ => level.bridges.push(Bridge::new(form, grid, &level.layout)),
+                }
+            }
+        }
+    }
+}
+
+/// Turns a form over the nodes of a level into the same over those of the next coarser one; held nodes take no part.
+fn restrict(form: &mut Form, hierarchy: &Hierarchy, level: usize) {
+    let rows = &hierarchy.transfers[level].interpolation;
+    let (held, coarse_held) = (&hierarchy.held[level], &hierarchy.held[level + 1]);
+    let mut out: Form = Vec::new();
+    for (node, v) in form.iter().filter(|(node, _)| !held[*node as usize]) {
+        for (coarse, weight) in rows.row(*node as usize) {
+            if coarse_held[coarse as usize] {
+                continue;
+            }
+            let v = v * f64::from(weight);
+            match out.iter_mut().find(|(node, _)| *node == coarse) {
+                Some((_, sum)) => *sum += v,
+                None => out.push((coarse, v)),
+            }
+        }
+    }
+    *form = out;
+}
+
+/// The coefficients of a form at a node.
 struct AtNode {
-    slot: u32,
-    step: u32,
+    node: u32,
+    /// Slots of the three components.
+    slots: [u32; 3],
     vector: [f32; 3],
 }
 
-/// A form on the finest level.
-pub(super) struct FineTouch(Vec<AtNode>);
+/// A form on a level that is applied by itself.
+pub(super) struct Bridge(Vec<AtNode>);
 
-impl FineTouch {
-    /// Adds the forces of half its square.
-    pub(super) fn apply(&self, x: &[f32], y: &mut [f32]) {
-        let places = |n: &AtNode| [0, 1, 2].map(|c| (n.slot + c * n.step) as usize);
-        let products = |n: &AtNode| -> f32 {
-            let at = places(n);
-            (0..3).map(|c| n.vector[c] * x[at[c]]).sum()
+impl Bridge {
+    fn new(form: &Form, grid: &Grid, layout: &Layout) -> Self {
+        debug_assert_eq!(grid.node_count(), layout.slots.len());
+        let at_node = |(node, v): &(u32, Vector3<f64>)| AtNode {
+            node: *node,
+            slots: layout.components(*node as usize).map(|at| at as u32),
+            vector: std::array::from_fn(|axis| v[axis] as f32),
         };
-        let value: f32 = self.0.iter().map(products).sum();
+        Self(form.iter().map(at_node).collect())
+    }
+
+    /// Adds the forces of half the square.
+    pub(super) fn apply(&self, x: &[f32], y: &mut [f32]) {
+        let mut value = 0.0;
         for n in &self.0 {
-            for (at, v) in places(n).into_iter().zip(n.vector) {
-                y[at] += v * value;
+            for (at, v) in n.slots.iter().zip(&n.vector) {
+                value += v * x[*at as usize];
+            }
+        }
+        for n in &self.0 {
+            for (at, v) in n.slots.iter().zip(&n.vector) {
+                y[*at as usize] += v * value;
             }
         }
     }
 
-    /// Adds to the diagonal what bounds its square: the smoother knows of no eigenvalue that is larger for it. `first` is the length of the
-    /// slab's first plane.
-    pub(super) fn add_diagonal(&self, first: usize, out: &mut [f32]) {
+    /// Calls `f(node, block)` with blocks of a diagonal that bounds the square: it gives the smoother no larger eigenvalue.
+    pub(super) fn for_each_block(&self, mut f: impl FnMut(u32, [f32; 6])) {
         let size = |n: &AtNode| n.vector.iter().map(|v| v * v).sum::<f32>().sqrt();
         let total: f32 = self.0.iter().map(size).sum();
-        for n in &self.0 {
+        for n in self.0.iter().filter(|n| size(n) > 0.0) {
             let scale = total / size(n);
-            // From a place among three components to one among six.
-            let slot = n.slot as usize;
-            let slot = if slot >= first { slot + first } else { slot };
-            for (c, (i, j)) in BLOCKS.into_iter().enumerate() {
-                out[slot + c * n.step as usize] += scale * n.vector[i] * n.vector[j];
-            }
+            f(
+                n.node,
+                BLOCKS.map(|(i, j)| scale * n.vector[i] * n.vector[j]),
+            );
         }
     }
-}
 
-impl FineOperator {
-    /// Takes over what touches, in units of the operator by the factor `scale`.
-    pub(super) fn set_touches(
-        &mut self,
-        grid: &Grid,
-        layout: &Layout,
-        touches: &[Touch],
-        scale: f64,
-    ) {
-        let clear = |slab: &mut Slab| slab.touches.clear();
-        self.slabs.iter_mut().for_each(clear);
-        for touch in touches {
-            let element = touch.element as usize;
-            let plane = grid.cells[element][0] as usize;
-            let at_node = |(corner, &node): (usize, &u32)| {
-                let [x, y, _] = layout.components(node as usize);
-                let vector = touch.vector.map(|row| (row[corner] * scale) as f32);
-                (vector != [0.0; 3]).then_some(AtNode {
-                    slot: (x - layout.starts[plane]) as u32,
-                    step: (y - x) as u32,
-                    vector,
-                })
-            };
-            let nodes = grid.elements[element].iter().enumerate();
-            let nodes = nodes.filter_map(at_node).collect();
-            self.slabs[plane].touches.push(FineTouch(nodes));
-        }
-    }
-}
-
-/// A form on the corners of an element of the first coarse level.
-pub(super) type CoarseTouch = (u32, [[f32; 8]; 3]);
-
-impl Coarse {
-    /// Takes over what touches on the finest level, whose next coarser one this is.
-    pub(super) fn set_touches(&mut self, hierarchy: &Hierarchy, touches: &[Touch], scale: f64) {
-        let to_parent = |touch: &Touch| -> CoarseTouch {
-            let element = touch.element as usize;
-            let (interval, held) = hierarchy.place_in_parent(0, element);
-            let row = |row: [f64; 8]| {
-                parent_weights(&row, &interval, held).map(|w| (w * scale) as f32)
-            };
-            (hierarchy.parents[0][element], touch.vector.map(row))
-        };
-        self.touches.clear();
-        self.touches.extend(touches.iter().map(to_parent));
-    }
-
-    /// Adds the squares of the forms to the matrices.
-    pub(super) fn add_touches(&mut self) {
-        for (element, vector) in &self.touches {
-            let matrix = &mut self.matrices[*element as usize];
-            for (block, (i, j)) in matrix.iter_mut().zip(BLOCKS) {
-                for (row, left) in block.iter_mut().zip(&vector[i]) {
-                    for (entry, right) in row.iter_mut().zip(&vector[j]) {
-                        *entry += left * right;
-                    }
+    /// Calls `f(row node, column node, row component, column component, value)` for all entries of the square.
+    pub(super) fn for_each_entry(&self, mut f: impl FnMut(u32, u32, usize, usize, f32)) {
+        for row in &self.0 {
+            for column in &self.0 {
+                for entry in 0..9 {
+                    let (i, j) = (entry / 3, entry % 3);
+                    f(
+                        row.node,
+                        column.node,
+                        i,
+                        j,
+                        row.vector[i] * column.vector[j],
+                    );
                 }
             }
         }

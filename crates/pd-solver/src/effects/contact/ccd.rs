@@ -73,11 +73,11 @@ impl Least {
         Self(AtomicU64::new(share.to_bits()))
     }
 
-    /// Takes a pair into account, where `counts` says that it is one.
-    pub(crate) fn see(&self, kind: Kind, x: &Quad, p: &Quad, counts: impl FnOnce() -> bool) {
+    /// Takes a pair into account.
+    pub(crate) fn see(&self, kind: Kind, x: &Quad, p: &Quad) {
         let least = self.share();
         let share = free_share(kind, x, p, least);
-        if share < least && counts() {
+        if share < least {
             // Bits of numbers that are not negative have the order of the numbers.
             self.0.fetch_min(share.to_bits(), Ordering::Relaxed);
         }

@@ -1,6 +1,6 @@
 //! How far points may move, and whether they are where they may be.
 
-use super::broad::{Motion, Near, near, piercings};
+use super::broad::piercings;
 use super::ccd::Least;
 use super::distance::{Kind, Nearest, Quad};
 use super::topology::Pair;
@@ -12,7 +12,7 @@ use rayon::prelude::*;
 /// Share of the distance from a plane that a motion keeps.
 const KEPT: f64 = 0.1;
 /// Boxes that may meet per point before a motion counts as too long to be looked at as a whole.
-const CROWDED: usize = 60;
+const CROWDED: usize = 300;
 /// Shorter shares of a motion are looked at however many boxes meet.
 const SHORTEST: f64 = 1e-3;
 /// A distance, in shares of the barrier's, that is none.
@@ -25,50 +25,43 @@ impl Contact {
             return 1.0;
         }
         let mut considered = self.share_above_planes(from, to);
-        let reach = (self.dhat, self.margin);
-        self.list.prepare(&self.topology, self.own, from, reach);
-        let way = |points: &[u32; 4], to: &[Vector3<f64>]| -> (Quad, Quad) {
-            let x = points.map(|p| from[p as usize]);
-            (x, points.map(|p| to[p as usize] - from[p as usize]))
-        };
+        let reach = self.reach();
+        self.list.prepare(&self.topology, from, reach);
         // Pairs that are near already limit most motions; what is left of them sweeps little.
-        let least = Least::new(considered);
-        let pairs = self.list.pairs.par_iter().with_min_len(CHUNK);
-        pairs.for_each(|pair| {
-            let (x, p) = way(&pair.points, to);
-            least.see(pair.barrier.kind, &x, &p, || true);
-        });
-        considered = least.share();
+        considered = self.free_of_pairs(from, to, considered);
         if self.list.serves(to, self.margin) {
             return considered;
         }
+        // The list of all that comes near on the way serves for what is next: energies on it, and the Hessian at its end.
         let crowded = CROWDED * self.topology.rest.len();
         let mut end = to.to_vec();
         loop {
             let ways = from.iter().zip(to);
             let along = ways.map(|(a, b)| a + (b - a) * considered);
             end.iter_mut().zip(along).for_each(|(end, x)| *end = x);
-            let motion = Motion {
-                from,
-                to: &end,
-                reach: 0.0,
-            };
             let limit = match considered > SHORTEST {
                 true => crowded,
                 false => usize::MAX,
             };
-            let least = Least::new(1.0);
-            let look = |near: Near| -> Option<()> {
-                let (kind, points) = self.topology.points_of(near)?;
-                let (x, p) = way(&points, &end);
-                least.see(kind, &x, &p, || self.topology.pair(near).is_some());
-                None
-            };
-            if near(&self.topology, motion, self.own, limit, look).is_some() {
-                return considered * least.share();
+            if self.list.search(&self.topology, from, &end, reach, limit) {
+                let share = self.free_of_pairs(from, &end, 1.0);
+                self.list.shorten(share, self.margin);
+                return considered * share;
             }
             considered *= 0.5;
         }
+    }
+
+    /// The share of a motion, at most `limit`, within which the pairs in the list keep a tenth of their distances.
+    fn free_of_pairs(&self, from: &[Vector3<f64>], to: &[Vector3<f64>], limit: f64) -> f64 {
+        let least = Least::new(limit);
+        let pairs = self.list.pairs.par_iter().with_min_len(CHUNK);
+        pairs.for_each(|pair| {
+            let x: Quad = pair.gather(from);
+            let way = pair.points.map(|p| to[p as usize] - from[p as usize]);
+            least.see(pair.barrier.kind, &x, &way);
+        });
+        least.share()
     }
 
     fn share_above_planes(&self, from: &[Vector3<f64>], to: &[Vector3<f64>]) -> f64 {

@@ -15,7 +15,7 @@ use std::collections::BTreeSet;
 
 /// Margin of the list of pairs, in shares of the barrier's distance, and in mean edges of the surface where that is more.
 const MARGIN: f64 = 0.25;
-const MARGIN_OF_EDGES: f64 = 0.1;
+const MARGIN_OF_EDGES: f64 = 0.25;
 
 /// What a scene says of a contact.
 pub(crate) struct ContactSettings<'a> {
