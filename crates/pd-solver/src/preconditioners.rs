@@ -2,7 +2,7 @@
 
 use crate::constant::ConstantSystem;
 use crate::methods::Preconditioner;
-use crate::multigrid::Multigrid;
+use crate::multigrid::{Form, Multigrid};
 use crate::problem::Problem;
 use crate::vector::NodalVector;
 use nalgebra::Vector3;
@@ -76,15 +76,11 @@ impl Cycle {
         self.built_at.extend_from_slice(u);
     }
 
-    /// Takes over what touches at `u`; whether that is anything, or was. Barriers bend so much that no two states are alike.
-    fn see_touches(&mut self, problem: &mut Problem, u: &[Vector3<f64>]) -> bool {
+    /// What touches at `u`, if that is anything, or was where this was last built. Barriers bend so much that no two states are alike.
+    fn touches(&mut self, problem: &mut Problem, u: &[Vector3<f64>]) -> Option<Vec<Form>> {
         let touches = problem.touches(u);
         let before = std::mem::replace(&mut self.touched, !touches.is_empty());
-        let changes = before || self.touched;
-        if changes {
-            self.multigrid.set_touches(touches);
-        }
-        changes
+        (before || self.touched).then_some(touches)
     }
 }
 
@@ -102,22 +98,24 @@ impl Preconditioner for Cycle {
     }
 
     fn prepare(&mut self, problem: &mut Problem, u: &[Vector3<f64>]) -> bool {
-        if problem.limits_steps() && self.see_touches(problem, u) {
-            self.build(u);
-            return true;
-        }
         let limit = NEAR * self.element_size;
         let near = |(a, b): (&Vector3<f64>, &Vector3<f64>)| (a - b).norm_squared() <= limit * limit;
         let far = self.built_at.len() != u.len() || !self.built_at.iter().zip(u).all(near);
-        if far {
-            self.build(u);
+        match self.touches(problem, u) {
+            Some(touches) if !far => self.multigrid.touch(touches, u),
+            Some(touches) => {
+                self.multigrid.set_touches(touches);
+                self.build(u);
+            }
+            None if far => self.build(u),
+            None => {}
         }
         far
     }
 
     fn rebuild(&mut self, problem: &mut Problem, u: &[Vector3<f64>]) {
-        if problem.limits_steps() {
-            self.see_touches(problem, u);
+        if let Some(touches) = self.touches(problem, u) {
+            self.multigrid.set_touches(touches);
         }
         self.build(u);
     }

@@ -7,10 +7,28 @@ use super::touch::Bridge;
 use pulp::{Arch, Simd, WithSimd};
 use rayon::prelude::*;
 
-/// Degree of the Chebyshev polynomial on either side of the coarse correction.
-const DEGREE: usize = 2;
-/// Lower end of the smoothed part of the spectrum, as share of the upper end.
-const SMOOTHED: f32 = 0.2;
+/// A Chebyshev polynomial.
+#[derive(Clone, Copy)]
+pub(super) struct Smoother {
+    /// Its degree on either side of the coarse correction.
+    degree: usize,
+    /// Lower end of the smoothed part of the spectrum, as share of the upper end.
+    smoothed: f32,
+}
+
+impl Smoother {
+    pub(super) const PLAIN: Self = Self {
+        degree: 2,
+        smoothed: 0.2,
+    };
+    /// Where flesh keeps its volume, the upper end is far above all else. On a box with ten times the stiffness of elasticity conjugate gradients
+    /// take 10 iterations with this one and 15 with the plain one.
+    pub(super) const OF_KEPT_VOLUME: Self = Self {
+        degree: 3,
+        smoothed: 0.08,
+    };
+}
+
 /// Power steps of the estimate of the largest eigenvalue.
 const POWER_STEPS: usize = 6;
 /// What the estimate may be too small by.
@@ -38,6 +56,7 @@ fn product(operator: &Operator, bridges: &[Bridge], x: &[f32], y: &mut [f32]) {
 
 pub(super) struct Level {
     pub(super) layout: Layout,
+    smoother: Smoother,
     pub(super) operator: Operator,
     /// What touches and is not in the operator.
     pub(super) bridges: Vec<Bridge>,
@@ -56,8 +75,14 @@ pub(super) struct Level {
 }
 
 impl Level {
-    pub(super) fn new(layout: Layout, operator: Operator, held: Vec<bool>) -> Self {
+    pub(super) fn new(
+        layout: Layout,
+        operator: Operator,
+        held: Vec<bool>,
+        smoother: Smoother,
+    ) -> Self {
         Self {
+            smoother,
             inverse: vec![0.0; 2 * layout.len()],
             largest: 0.0,
             start: Vec::new(),
@@ -74,6 +99,12 @@ impl Level {
 
     /// Takes over the operator's new entries: inverts its diagonal and bounds its spectrum.
     pub(super) fn refresh(&mut self) {
+        self.refresh_diagonal();
+        self.estimate_largest();
+    }
+
+    /// Inverts the operator's diagonal where its spectrum is bounded as before.
+    pub(super) fn refresh_diagonal(&mut self) {
         let mut inverse = std::mem::take(&mut self.inverse);
         inverse.fill(0.0);
         match &self.operator {
@@ -91,7 +122,6 @@ impl Level {
         }
         self.invert_diagonal(&mut inverse);
         self.inverse = inverse;
-        self.estimate_largest();
     }
 
     fn invert_diagonal(&self, blocks: &mut [f32]) {
@@ -167,11 +197,11 @@ impl Level {
     /// Smooths `A x = b`; `zero` says that x is to be taken as zero.
     pub(super) fn smooth(&mut self, zero: bool) {
         let high = self.largest;
-        let low = high * SMOOTHED;
+        let low = high * self.smoother.smoothed;
         let (middle, half) = ((high + low) / 2.0, (high - low) / 2.0);
         let sigma = middle / half;
         let mut rho = 1.0 / sigma;
-        for step in 0..DEGREE {
+        for step in 0..self.smoother.degree {
             let (keep, add) = if step == 0 {
                 (0.0, 1.0 / middle)
             } else {

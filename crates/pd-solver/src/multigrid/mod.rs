@@ -35,7 +35,7 @@ pub(crate) use grid::{DisjointSets, Grid};
 pub(crate) use hierarchy::Hierarchy;
 use kept_volume::KeptVolume;
 use layout::Layout;
-use level::{Level, Operator};
+use level::{Level, Operator, Smoother};
 use modes::{LINEAR, stiffness};
 use nalgebra::Vector3;
 use rayon::prelude::*;
@@ -88,6 +88,10 @@ impl Multigrid {
         let size = grids[0].size(0);
         let unit = elastic * size.product() * stiffness(&size)[LINEAR[0]];
         let mut tables = CoreTables::default();
+        let smoother = match keeping > 0.0 {
+            true => Smoother::OF_KEPT_VOLUME,
+            false => Smoother::PLAIN,
+        };
         let mut levels = Vec::new();
         for (l, (grid, held)) in grids.iter().zip(&hierarchy.held).enumerate() {
             let layout = Layout::new(grid);
@@ -96,7 +100,7 @@ impl Multigrid {
             } else {
                 Operator::Stencil(Stencil::new(grid, &layout))
             };
-            levels.push(Level::new(layout, operator, held.clone()));
+            levels.push(Level::new(layout, operator, held.clone(), smoother));
         }
         let corrections = hierarchy
             .transfers
@@ -262,7 +266,20 @@ impl Multigrid {
             } else {
                 coarse.set_from_matrices(&before[l - 2].matrices);
             }
-            if let Operator::Stencil(stencil) = &mut self.levels[l].operator {
+        }
+        self.finish(level, true)
+    }
+
+    /// Assembles all operators from what the elements do, which is new or as before, and from what touches. False where the coarsest of them is
+    /// not positive definite.
+    fn finish(&mut self, level: usize, new: bool) -> bool {
+        let last = self.levels.len() - 1;
+        for (level, coarse) in self.levels[1..]
+            .iter_mut()
+            .zip(&self.coarse)
+            .skip(level.max(1) - 1)
+        {
+            if let Operator::Stencil(stencil) = &mut level.operator {
                 stencil.assemble(&coarse.matrices);
             }
         }
@@ -270,14 +287,27 @@ impl Multigrid {
         if let Some(touches) = self.touches.as_ref().filter(|_| level == 0) {
             touches.add(&self.hierarchy, &mut self.levels);
         }
-        self.levels[level..last].iter_mut().for_each(Level::refresh);
+        for (l, level) in self.levels[..last].iter_mut().enumerate().skip(level) {
+            // On the finest level what touches is bounded by its part of the diagonal.
+            match l == 0 && !new {
+                true => level.refresh_diagonal(),
+                false => level.refresh(),
+            }
+        }
         let coarsest = &self.levels[last];
         let Operator::Stencil(stencil) = &coarsest.operator else {
             unreachable!("there are two levels at least");
         };
         let grid = &self.hierarchy.grids[last];
-        let definite = self.dense.factor(stencil, &coarsest.bridges, grid);
-        definite
+        self.dense.factor(stencil, &coarsest.bridges, grid)
+    }
+
+    /// Builds the cycle for what touches now and the elements as they were when it was last built on the finest level; `u` is where that is.
+    pub(crate) fn touch(&mut self, forms: Vec<Form>, u: &[Vector3<f64>]) {
+        self.set_touches(forms);
+        if !self.finish(0, false) {
+            self.project(0, u);
+        }
     }
 
     /// Builds the cycle from `level` down at `u`: on the true Hessian, if that is definite and was not given up.

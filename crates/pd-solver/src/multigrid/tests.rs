@@ -61,10 +61,28 @@ fn random_state(mesh: &HexMesh, random: &mut Random) -> NodalVector {
 }
 
 fn multigrid(mesh: &HexMesh) -> Multigrid {
+    keeping_volume(mesh, 0.0)
+}
+
+/// With a stiffness against changes of volume; that of elasticity is 3.
+fn keeping_volume(mesh: &HexMesh, stiffness: f64) -> Multigrid {
     let held = held(mesh);
     let hierarchy = Hierarchy::new(mesh, &held, None).expect("a hierarchy");
     let forms = vec![Vec::new(); hierarchy.grids.len()];
-    Multigrid::new(hierarchy, (3.0, 0.0), 8, forms)
+    Multigrid::new(hierarchy, (3.0, stiffness), 8, forms)
+}
+
+/// Stiff forms over nodes that share an element, and over nodes that share none.
+fn touching(mesh: &HexMesh, random: &mut Random) -> Vec<Form> {
+    let count = mesh.nodes().len() as u32;
+    let mut vector = || random.matrix().column(0).into_owned() * 20.0;
+    let near = mesh.elements().iter().step_by(7);
+    let mut forms: Vec<Form> = near
+        .map(|e| vec![(e[0], vector()), (e[6], vector())])
+        .collect();
+    let far = (0..count / 2).step_by(11);
+    forms.extend(far.map(|n| vec![(n, vector()), (count - 1 - n, vector())]));
+    forms
 }
 
 /// Interpolation reproduces every linear function; each coarse grid holds the whole volume and as many pieces as the fine one.
@@ -112,8 +130,11 @@ fn coarse_grids_carry_the_body() {
 fn the_finest_operator_is_the_sum_over_all_points() {
     let mut random = Random::new(3);
     for (name, mesh) in bodies() {
-        let mut mg = multigrid(&mesh);
-        mg.build(0, &random_state(&mesh, &mut random), Curvature::Projected);
+        let mut mg = keeping_volume(&mesh, 20.0);
+        let touching = touching(&mesh, &mut random);
+        mg.set_touches(touching.clone());
+        let u = random_state(&mesh, &mut random);
+        mg.build(0, &u, Curvature::Projected);
         let grid = &mg.hierarchy.grids[0];
         let x: NodalVector = (0..grid.node_count())
             .map(|_| random.matrix().column(0).into_owned())
@@ -133,6 +154,22 @@ fn the_finest_operator_is_the_sum_over_all_points() {
                 }
                 nodes().for_each(|(n, w)| expected[n] += stress * w * (*weight / unit));
             }
+        }
+        let at_centre = QuadratureRule::new(Quadrature::One).gradients(size.x)[0];
+        for nodes in &grid.elements {
+            let nodes = || nodes.iter().map(|&n| n as usize).zip(&at_centre);
+            let mean = |x: &[Vector3<f64>]| -> Matrix3<f64> {
+                nodes().map(|(n, w)| x[n] * w.transpose()).sum()
+            };
+            let f = mean(&u);
+            let normal = f.try_inverse().expect("regular").transpose() * f.determinant();
+            let stress = normal * (20.0 / 3.0 * normal.dot(&mean(&x)) / normal.norm_squared());
+            nodes().for_each(|(n, w)| expected[n] += stress * w / unit);
+        }
+        for form in &touching {
+            let value: f64 = form.iter().map(|(n, v)| v.dot(&x[*n as usize])).sum();
+            let forces = form.iter().map(|(n, v)| (*n, v * (value / mg.unit)));
+            forces.for_each(|(n, force)| expected[n as usize] += force);
         }
         let level = &mut mg.levels[0];
         level.layout.pack(&x, 1.0, &mut level.x);
@@ -190,7 +227,8 @@ fn the_first_coarse_matrices_are_those_of_the_children() {
 fn coarse_operators_are_galerkin_products() {
     let mut random = Random::new(4);
     for (name, mesh) in bodies() {
-        let mut mg = multigrid(&mesh);
+        let mut mg = keeping_volume(&mesh, 20.0);
+        mg.set_touches(touching(&mesh, &mut random));
         mg.build(0, &random_state(&mesh, &mut random), Curvature::Projected);
         for l in 0..mg.levels.len() - 1 {
             let (fine, coarse) = mg.levels.split_at_mut(l + 1);
@@ -231,9 +269,16 @@ fn coarse_operators_are_galerkin_products() {
 #[test]
 fn the_cycle_is_symmetric_and_positive() {
     let mut random = Random::new(5);
-    for (name, mesh) in bodies() {
-        let mut mg = multigrid(&mesh);
-        mg.build(0, &random_state(&mesh, &mut random), Curvature::Projected);
+    let cases = bodies()
+        .into_iter()
+        .flat_map(|body| [0.0, 20.0].map(|k| (body.clone(), k)));
+    for ((name, mesh), stiffness) in cases {
+        let mut mg = keeping_volume(&mesh, stiffness);
+        let u = random_state(&mesh, &mut random);
+        mg.build(0, &u, Curvature::Projected);
+        if stiffness > 0.0 {
+            mg.touch(touching(&mesh, &mut random), &u);
+        }
         let held = held(&mesh);
         let mut vector = || -> NodalVector {
             let mut v: NodalVector = (0..mesh.nodes().len())
