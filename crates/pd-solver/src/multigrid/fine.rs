@@ -9,7 +9,7 @@
 //! four times too stiff, and conjugate gradients take 10 instead of 6 iterations on a box.) Sixteen elements go side by side.
 
 use super::grid::Grid;
-use super::kept_volume::{keep_volume, volume_diagonal};
+use super::kept_volume::{add_pressure, volume_change, volume_diagonal};
 use super::layout::{LANES, Lanes, Layout, load, over_slabs};
 use super::modes::{BILINEAR, LINEAR, MEAN_SQUARES, TRILINEAR, sign, stiffness};
 use pulp::{Arch, Simd, WithSimd};
@@ -20,7 +20,7 @@ use std::ops::Range;
 pub(super) const CORE: usize = 27;
 
 /// Sixteen elements whose corners follow one another in memory.
-pub(super) struct Block {
+struct Block {
     /// Slots of the first element's corners, relative to the slab's part.
     base: [u32; 8],
     /// Factor on the stiffness; zero where there is no element.
@@ -198,14 +198,26 @@ impl FineOperator {
         over_slabs(&self.starts, y, self.parallel, |slab, part| {
             let x = &x[self.starts[slab]..self.starts[slab + 2]];
             let slab = &self.slabs[slab];
-            self.arch.dispatch(Product {
-                slab,
-                blocks: &self.blocks[slab.blocks.clone()],
-                normals: self.normals_of(slab),
-                stiffness: &self.stiffness,
-                x,
-                y: part,
-            });
+            let blocks = &self.blocks[slab.blocks.clone()];
+            let (normals, stiffness) = (self.normals_of(slab), &self.stiffness);
+            match normals.is_empty() {
+                true => self.arch.dispatch(Product::<false> {
+                    slab,
+                    blocks,
+                    normals,
+                    stiffness,
+                    x,
+                    y: part,
+                }),
+                false => self.arch.dispatch(Product::<true> {
+                    slab,
+                    blocks,
+                    normals,
+                    stiffness,
+                    x,
+                    y: part,
+                }),
+            }
         });
     }
 
@@ -227,13 +239,7 @@ impl FineOperator {
 /// Slot of a corner of a block's first element, one component, as offset into the slab's part. A plane holds `components`
 /// components of each node.
 #[inline(always)]
-pub(super) fn corner(
-    block: &Block,
-    step: [usize; 2],
-    component: usize,
-    components: usize,
-    n: usize,
-) -> usize {
+fn corner(block: &Block, step: [usize; 2], component: usize, components: usize, n: usize) -> usize {
     let base = block.base[n] as usize;
     // Bases are given for vectors of three components; the second plane starts behind all components of the first.
     if n < 4 {
@@ -244,13 +250,13 @@ pub(super) fn corner(
 }
 
 #[inline(always)]
-pub(super) fn add_to<S: Simd>(simd: S, data: &mut [f32], at: usize, value: S::f32s) {
+fn add_to<S: Simd>(simd: S, data: &mut [f32], at: usize, value: S::f32s) {
     let place = &mut S::as_mut_simd_f32s(&mut data[at..at + S::F32_LANES]).0[0];
     *place = simd.add_f32s(*place, value);
 }
 
-/// `y += A x` over the blocks and forms of a slab.
-struct Product<'a> {
+/// `y += A x` over the blocks and forms of a slab, whose elements may `KEEP` their volume.
+struct Product<'a, const KEEP: bool> {
     slab: &'a Slab,
     blocks: &'a [Block],
     normals: &'a [[Lanes; 9]],
@@ -259,7 +265,7 @@ struct Product<'a> {
     y: &'a mut [f32],
 }
 
-impl WithSimd for Product<'_> {
+impl<const KEEP: bool> WithSimd for Product<'_, KEEP> {
     type Output = ();
 
     #[inline(always)]
@@ -270,7 +276,7 @@ impl WithSimd for Product<'_> {
         for (out, value) in stiffness.iter_mut().zip(&self.stiffness.modes) {
             *out = simd.splat_f32s(*value);
         }
-        for block in self.blocks {
+        for (b, block) in self.blocks.iter().enumerate() {
             for shift in (0..LANES).step_by(S::F32_LANES) {
                 let mut a = [[zero; 8]; 3];
                 for (i, a) in a.iter_mut().enumerate() {
@@ -281,6 +287,10 @@ impl WithSimd for Product<'_> {
                 }
                 let hourglass = self.stiffness.hourglass;
                 let coefficients = core_coefficients(simd, block, shift, hourglass, &a);
+                let change = match KEEP {
+                    true => volume_change(simd, &self.normals[b], shift, &a),
+                    false => zero,
+                };
                 let weight = load::<S>(&block.weight, shift);
                 for (i, a) in a.iter_mut().enumerate() {
                     let force = core_force(simd, block, shift, i, &coefficients);
@@ -289,16 +299,14 @@ impl WithSimd for Product<'_> {
                         let scale = simd.mul_f32s(weight, stiffness[mode]);
                         a[mode] = simd.mul_add_e_f32s(a[mode], scale, force[mode]);
                     }
+                    if KEEP {
+                        add_pressure(simd, &self.normals[b], shift, i, change, a);
+                    }
                     from_modes(simd, a);
                     for (n, force) in a.iter().enumerate() {
                         add_to(simd, self.y, corner(block, step, i, 3, n) + shift, *force);
                     }
                 }
-            }
-        }
-        for (block, normal) in self.blocks.iter().zip(self.normals) {
-            for shift in (0..LANES).step_by(S::F32_LANES) {
-                keep_volume(simd, block, normal, shift, step, self.x, self.y);
             }
         }
         for form in &self.slab.forms {
@@ -380,7 +388,7 @@ fn core_force<S: Simd>(
 
 /// Mode coefficients of corner values, in place: sums and differences along each axis.
 #[inline(always)]
-pub(super) fn to_modes<S: Simd>(simd: S, x: &mut [S::f32s; 8]) {
+fn to_modes<S: Simd>(simd: S, x: &mut [S::f32s; 8]) {
     for axis in LINEAR {
         for low in 0..8 {
             if low & axis == 0 {
@@ -394,7 +402,7 @@ pub(super) fn to_modes<S: Simd>(simd: S, x: &mut [S::f32s; 8]) {
 
 /// Corner forces of mode forces, in place: the transpose.
 #[inline(always)]
-pub(super) fn from_modes<S: Simd>(simd: S, a: &mut [S::f32s; 8]) {
+fn from_modes<S: Simd>(simd: S, a: &mut [S::f32s; 8]) {
     for axis in LINEAR {
         for low in 0..8 {
             if low & axis == 0 {

@@ -3,7 +3,7 @@
 //! Where the volume is nearly kept, the Hessian of the distance from the nearest matrix of determinant 1 is next to `n n^T` with `n` along the
 //! cofactors of the mean F of the element: what does not change the volume is free. (The rest is of the size of the pressure.)
 
-use super::fine::{Block, FineOperator, SYMMETRIC, add_to, corner, from_modes, to_modes};
+use super::fine::{FineOperator, SYMMETRIC};
 use super::layout::{LANES, Lanes, load};
 use super::modes::{LINEAR, sign};
 use nalgebra::{Matrix3, Vector3};
@@ -96,39 +96,36 @@ impl FineOperator {
 
 // As in `fine`, there are no closures over lanes.
 
-/// Adds the forces of the forms `(n : g)^2 / 2` with the mean gradient g of each element.
+/// The values of the forms for the mode coefficients `a`.
 #[inline(always)]
-pub(super) fn keep_volume<S: Simd>(
+pub(super) fn volume_change<S: Simd>(
     simd: S,
-    block: &Block,
     normal: &[Lanes; 9],
     shift: usize,
-    step: [usize; 2],
-    x: &[f32],
-    y: &mut [f32],
-) {
+    a: &[[S::f32s; 8]; 3],
+) -> S::f32s {
     let mut value = simd.splat_f32s(0.0);
-    for i in 0..3 {
-        let mut a = [value; 8];
-        for (n, a) in a.iter_mut().enumerate() {
-            *a = load::<S>(x, corner(block, step, i, 3, n) + shift);
-        }
-        to_modes(simd, &mut a);
+    for (a, normal) in a.iter().zip(normal.as_chunks::<3>().0) {
         for axis in 0..3 {
-            let n = load::<S>(&normal[3 * i + axis], shift);
-            value = simd.mul_add_e_f32s(n, a[LINEAR[axis]], value);
+            value = simd.mul_add_e_f32s(load::<S>(&normal[axis], shift), a[LINEAR[axis]], value);
         }
     }
-    for i in 0..3 {
-        let mut force = [simd.splat_f32s(0.0); 8];
-        for axis in 0..3 {
-            let n = load::<S>(&normal[3 * i + axis], shift);
-            force[LINEAR[axis]] = simd.mul_f32s(n, value);
-        }
-        from_modes(simd, &mut force);
-        for (n, force) in force.iter().enumerate() {
-            add_to(simd, y, corner(block, step, i, 3, n) + shift, *force);
-        }
+    value
+}
+
+/// Adds what half the squares of the forms give for these values to the forces on the modes of component `i`.
+#[inline(always)]
+pub(super) fn add_pressure<S: Simd>(
+    simd: S,
+    normal: &[Lanes; 9],
+    shift: usize,
+    i: usize,
+    change: S::f32s,
+    force: &mut [S::f32s; 8],
+) {
+    for axis in 0..3 {
+        let n = load::<S>(&normal[3 * i + axis], shift);
+        force[LINEAR[axis]] = simd.mul_add_e_f32s(n, change, force[LINEAR[axis]]);
     }
 }
 
