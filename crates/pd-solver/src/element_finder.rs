@@ -29,14 +29,10 @@ impl ElementFinder {
         let place = |at: u32| (at != u32::MAX).then_some(at);
         let first = place(self.first[nodes.next()? as usize]);
         let after = |at: &u32| place(self.next[*at as usize / 8][*at as usize % 8]);
-        let around = std::iter::successors(first, after).map(|at| at / 8);
-        let has_all = |e: &u32| {
+        let mut around = std::iter::successors(first, after).map(|at| at / 8);
+        around.find(|e| {
             let corners = &elements[*e as usize];
             nodes.clone().all(|n| corners.contains(&n))
-        };
-        {
-            let mut around = around;
-            around.find(has_all)
-        }
+        })
     }
 }

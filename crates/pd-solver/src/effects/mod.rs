@@ -59,7 +59,7 @@ pub(crate) trait Effect: Send + Sync {
         true
     }
 
-    /// Whether steps have a limit. Such an effect is stiff, and unlike anything that a preconditioner knows: Newton's method is the one to use.
+    /// Whether steps have a limit. Such an effect is stiff, and stiff otherwise after every step: Newton's method is the one to use.
     fn limits_steps(&self) -> bool {
         false
     }

@@ -149,7 +149,7 @@ impl Doubts {
         };
         let growing = before.is_some_and(|before| last > before);
         let tired = self.seen > REBUILD;
-        // Measured on boxes that keep their volume, errors are up to four times what the directions tell.
+        // Measured on boxes that keep their volume, errors are twice what the directions tell, and more.
         let keeps_volume = problem.volume_stiffness() > 0.0;
         let doubtful =
             !pre.tells_errors() || keeps_volume || self.negative_curvature || growing || tired;

@@ -3,7 +3,8 @@
 //! The finest level is applied element by element from one core each ([`fine`]), the coarser ones are Galerkin products of it
 //! ([`element_matrix`], [`stencil`]), smoothed by Chebyshev polynomials of the block Jacobi iteration ([`level`]) in single
 //! precision. The cores are those of the true Hessian or of the exactly projected one ([`Curvature`]): with the projected one a cycle is a
-//! symmetric positive definite operator everywhere, with the true one it is at a minimum, and nearer to the inverse there.
+//! symmetric positive definite operator everywhere, with the true one it is at a minimum, and nearer to the inverse there. Squares of forms are added
+//! for flesh that keeps its volume ([`kept_volume`]) and for what touches ([`touch`]).
 
 mod coarse;
 mod cores;

@@ -50,23 +50,26 @@ impl Touches {
                 forms.retain(|form| !form.is_empty());
             }
             for form in &forms {
-                let nodes = form.iter().map(|(node, _)| *node);
-                match &mut level.operator {
-                    Operator::Stencil(stencil)
-                        if let Some(element) =
-                            self.finders[l - 1].with_all(&grid.elements, nodes.clone()) =>
-                    {
-                        let corners = &grid.elements[element as usize];
-                        let mut vector = [[0.0; 8]; 3];
-                        for (node, v) in form {
-                            let corner = corners.iter().position(|n| n == node);
-                            let corner = corner.expect("a corner of the element");
-                            (0..3).for_each(|axis| vector[axis][corner] = v[axis] as f32);
-                        }
-                        stencil.add_square(element as usize, &vector);
+                let place = match &mut level.operator {
+                    Operator::Fine(_) => None,
+                    Operator::Stencil(stencil) => {
+                        let nodes = form.iter().map(|(node, _)| *node);
+                        let element = self.finders[l - 1].with_all(&grid.elements, nodes);
+                        element.map(|element| (stencil, element as usize))
                     }
-                    _ => level.bridges.push(Bridge::new(form, grid, &level.layout)),
+                };
+                let Some((stencil, element)) = place else {
+                    level.bridges.push(Bridge::new(form, &level.layout));
+                    continue;
+                };
+                let corners = &grid.elements[element];
+                let mut vector = [[0.0; 8]; 3];
+                for (node, v) in form {
+                    let corner = corners.iter().position(|n| n == node);
+                    let corner = corner.expect("a corner of the element");
+                    (0..3).for_each(|axis| vector[axis][corner] = v[axis] as f32);
                 }
+                stencil.add_square(element, &vector);
             }
         }
     }
@@ -104,8 +107,7 @@ struct AtNode {
 pub(super) struct Bridge(Vec<AtNode>);
 
 impl Bridge {
-    fn new(form: &Form, grid: &Grid, layout: &Layout) -> Self {
-        debug_assert_eq!(grid.node_count(), layout.slots.len());
+    fn new(form: &Form, layout: &Layout) -> Self {
         let at_node = |(node, v): &(u32, Vector3<f64>)| AtNode {
             node: *node,
             slots: layout.components(*node as usize).map(|at| at as u32),
