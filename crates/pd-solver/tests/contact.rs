@@ -428,67 +428,6 @@ fn the_bits_do_not_depend_on_the_number_of_threads() {
     assert_eq!(run(1), run(3));
 }
 
-/// Steps, products and times with and without contact: `cargo test --release --test contact -- --ignored --nocapture`.
-#[test]
-#[ignore = "measures"]
-fn what_contact_costs() {
-    for n in [8, 16] {
-        let mesh = cube(n);
-        let surface = skin(&mesh);
-        let base = nodes_where(&mesh, |x| x.z == 0.0);
-        let (vertices, triangles) = stamp([0.32, 0.27, 1.1], [0.71, 0.68, 1.3], 4);
-        let others_triangles = triangles.clone();
-        let obstacle = Obstacle::Surface {
-            vertices,
-            triangles,
-        };
-        let others = [elasticity(), held(base), gravity(-0.2)];
-        let options = SolveOptions::new(Stop::Accuracy(1e-4));
-        println!(
-            "{} elements, {} triangles",
-            mesh.elements().len(),
-            surface.triangles.len()
-        );
-        let mut without = Solver::on_surface(&mesh, &surface, &others).unwrap();
-        let parameters = without.rest_parameters();
-        solved(&mut without, &parameters, &options);
-        solved(
-            &mut without,
-            &parameters,
-            &options.with_method(Method::Newton),
-        );
-        for distance in [0.05, 0.02] {
-            let spec = EffectSpec::Contact {
-                region: None,
-                distance,
-                stiffness: None,
-                own: true,
-                obstacles: vec![obstacle.clone()],
-            };
-            let effects = [&others[..], &[spec]].concat();
-            let mut solver = Solver::on_surface(&mesh, &surface, &effects).unwrap();
-            let mut parameters = solver.rest_parameters();
-            solved(&mut solver, &parameters, &options);
-            for x in &mut parameters.obstacles {
-                x.z -= 0.2;
-            }
-            let at = solved(&mut solver, &parameters, &options);
-            let again = solver
-                .solve(&parameters, Some(&at.positions), &options)
-                .unwrap();
-            if n < 20 {
-                let obstacle = Some((&parameters.obstacles[..], &others_triangles[..]));
-                assert_eq!(crossings(&surface, &mesh, &at.positions, obstacle), 0);
-            }
-            let reports = solver.contact_reports(&at.positions).unwrap();
-            println!("{:?}", reports[0]);
-            assert!(reports[0].nearest.unwrap() > 0.1 * distance);
-            let work = (again.stats.iterations, again.stats.work.hessian_products);
-            println!("warm: {work:?} {:.3} s", again.stats.seconds);
-        }
-    }
-}
-
 /// Pressures between flat faces of several finenesses, in units of that above a plane.
 #[test]
 fn pressures_between_faces_are_as_documented() {

@@ -354,7 +354,7 @@ mod tests {
     #[test]
     fn what_a_killed_beginning_left_goes_and_files_of_others_stay() {
         let folder = tempfile::tempdir().unwrap();
-        let left = folder.path().join(".tmpAb12Cd");
+        let left = folder.path().join(".part-Ab12Cd");
         std::fs::write(&left, "half").unwrap();
         drop(run(folder.path()));
         assert!(left.exists(), "it was there before any run");

@@ -83,7 +83,7 @@ fn has_unfinished(folder: &Path) -> bool {
     let entries = std::fs::read_dir(folder).into_iter().flatten().flatten();
     entries.map(|entry| entry.path()).any(|path| {
         let name = path.file_name().unwrap_or_default().to_string_lossy();
-        let is_unfinished = [".part-", ".probe-", ".tmp"].iter();
+        let is_unfinished = [".part-", ".probe-"].iter();
         is_unfinished.into_iter().any(|p| name.starts_with(p))
             || path.is_dir() && has_unfinished(&path)
     })
