@@ -57,7 +57,7 @@ impl RotationGradient {
 
     /// The derivative from a known rotation, or `None` near `s_y + s_z = 0`.
     #[inline]
-    fn well_conditioned(m: &Matrix3<f64>, rotation: Matrix3<f64>) -> Option<Self> {
+    pub(crate) fn well_conditioned(m: &Matrix3<f64>, rotation: Matrix3<f64>) -> Option<Self> {
         let stretch = symmetrize(&tr_mul(&rotation, m));
         let pair_sums = pair_sums(&stretch);
         let minors = Minors::of(&pair_sums);

@@ -145,7 +145,11 @@ fn newton_schulz(r: &Matrix3<f64>) -> Option<Matrix3<f64>> {
 /// One Newton step on SO(3) towards a symmetric `R^T M`: `R (I + [w]_x)` with `(tr(S) I - S) w =
 /// axial(R^T M)`; `None` when that is too far, or `tr(S) I - S` is not clearly positive definite.
 #[inline(always)]
-fn rotation_step(m: &Matrix3<f64>, r: &Matrix3<f64>, trace: f64) -> Option<Matrix3<f64>> {
+pub(crate) fn rotation_step(
+    m: &Matrix3<f64>,
+    r: &Matrix3<f64>,
+    trace: f64,
+) -> Option<Matrix3<f64>> {
     let b = tr_mul(r, m);
     let minors = Minors::of(&pair_sums(&symmetrize(&b)));
     let w = minors.adjugate * axial(&b) * (1.0 / minors.determinant);

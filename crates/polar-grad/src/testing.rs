@@ -128,3 +128,68 @@ pub fn hard_cases(count: u64) -> impl Iterator<Item = (&'static str, Planted)> {
         })
     })
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Published outputs of SplitMix64 from the state 1234567.
+    #[test]
+    fn bits_are_those_of_splitmix64() {
+        let mut random = Random(1_234_567);
+        let expected = [
+            6_457_827_717_110_365_317,
+            3_203_168_211_198_807_973,
+            9_817_491_932_198_370_423,
+            4_593_380_528_125_082_431,
+            16_408_922_859_458_223_821,
+        ];
+        assert_eq!(expected.map(|_| random.bits()), expected);
+    }
+
+    /// Mean 0 and variance 1/3, from -1 to 1; entries of an actuation the same, times their size.
+    #[test]
+    fn numbers_are_uniform() {
+        let mut random = Random::new(1);
+        let of_actuations = |random: &mut Random| random.actuation_entries(0.25).map(|x| 4.0 * x);
+        let numbers: [Vec<f64>; 2] = [
+            (0..60_000).map(|_| random.signed()).collect(),
+            (0..10_000)
+                .flat_map(|_| of_actuations(&mut random))
+                .collect(),
+        ];
+        for x in numbers {
+            let n = x.len() as f64;
+            let mean = x.iter().sum::<f64>() / n;
+            let variance = x.iter().map(|x| x * x).sum::<f64>() / n;
+            assert!(mean.abs() < 0.02, "{mean}");
+            assert!((variance - 1.0 / 3.0).abs() < 0.01, "{variance}");
+            assert!(x.iter().all(|x| (-1.0..1.0).contains(x)));
+        }
+    }
+
+    #[test]
+    fn deformations_have_their_singular_values_after_the_actuation() {
+        let a = crate::actuation_from_b(&[0.1, -0.2, 0.3, 0.2, -0.1, 0.4]);
+        for seed in 0..20 {
+            let sigma = Vector3::new(1.3, 0.8, -0.3);
+            let f = deformation_with(sigma.into(), &a, seed);
+            let error = (crate::signed_svd(&(f * a)).sigma - sigma).amax();
+            assert!(error < 1e-14, "{error:e}");
+        }
+    }
+
+    #[test]
+    fn hard_cases_are_every_class_at_every_scale() {
+        let mut cases = hard_cases(2);
+        for (name, sigma) in HARD_CLASSES {
+            for scale in SCALES {
+                for _ in 0..2 {
+                    let (found, case) = cases.next().expect("one more");
+                    assert_eq!((found, case.sigma), (*name, Vector3::from(*sigma) * *scale));
+                }
+            }
+        }
+        assert!(cases.next().is_none());
+    }
+}

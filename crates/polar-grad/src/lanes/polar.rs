@@ -1,5 +1,8 @@
 //! The polar rotation of every lane.
 
+#[cfg(test)]
+mod tests;
+
 use super::algebra::{
     axial, cofactor, cofactor_first_row, dot3, minor, minors_are_above, norm_squared, pair_sums,
     product, reciprocal, scaled, symmetric_adjugate, symmetric_times, times, times_cross,

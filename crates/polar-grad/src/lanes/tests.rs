@@ -381,3 +381,30 @@ fn rotations_are_the_nearest_at_every_gap() {
         "largest |R^T R - I| {defect:e}, asymmetry of R^T M {asymmetry:e}, smallest pair sum {smallest:e}"
     );
 }
+
+/// A condition holds in all lanes exactly when it fails in none.
+struct AllLanes;
+
+impl WithSimd for AllLanes {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) {
+        let holds = |v| simd.less_than_f64s(v, simd.splat_f64s(0.5));
+        assert!(all(simd, holds(simd.splat_f64s(0.0))));
+        for i in 0..S::F64_LANES {
+            let mut one = simd.splat_f64s(0.0);
+            set_lane::<S>(&mut one, i, 1.0);
+            assert!(!all(simd, holds(one)), "{i}");
+            let mut failed = Vec::new();
+            for_each_failed(simd, holds(one), |lane| failed.push(lane));
+            assert_eq!(failed, [i]);
+        }
+    }
+}
+
+#[test]
+fn all_means_that_no_lane_failed() {
+    AllLanes.with_simd(pulp::Scalar);
+    Arch::new().dispatch(AllLanes);
+}

@@ -55,6 +55,17 @@ fn textbook_formula_at_every_hard_class() {
     println!("largest relative error of H_R times (s_y + s_z) / s_x: {worst:e}");
 }
 
+/// The SVD is for what is next to singular.
+#[test]
+fn derivatives_of_ordinary_deformations_need_no_svd() {
+    let mut random = Random::new(33);
+    for _ in 0..500 {
+        let m = random.rotation() * (Matrix3::identity() + random.matrix() * 0.2);
+        let fast = RotationGradient::well_conditioned(&m, polar_rotation(&m));
+        assert_eq!(fast, Some(RotationGradient::at(&m)), "{m}");
+    }
+}
+
 #[test]
 fn factor_inverts_the_pair_sums() {
     for (name, case) in hard_cases(10) {

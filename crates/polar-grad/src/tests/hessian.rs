@@ -203,6 +203,22 @@ fn definite_cores_are_returned_unchanged() {
     assert_eq!(exact.filtered(Filter::Absolute).gradient, exact.gradient);
 }
 
+/// As documented, also where the rotation is far from unique: `B` is large there, but `K` is small beside `T`.
+#[test]
+fn a_definite_core_is_kept_next_to_a_reflection() {
+    for exponent in [-4, -12, -20, -23] {
+        let gap = 2.0_f64.powi(exponent);
+        for seed in 0..20 {
+            let m = planted([1.0, 0.5, -0.5 + gap], seed).matrix;
+            let small = 1e-6;
+            let exact = HessianCore::new(&(m / small), &(Matrix3::identity() * small));
+            for filter in [Filter::Projected, Filter::Absolute] {
+                assert_eq!(exact.filtered(filter).gradient, exact.gradient, "{gap:e}");
+            }
+        }
+    }
+}
+
 #[test]
 fn rank_one_and_zero_actuation_stay_finite() {
     let mut random = Random::new(9);

@@ -6,6 +6,7 @@ mod oracle;
 mod polar;
 mod shape_targeting;
 mod svd;
+mod symmetric;
 
 use nalgebra::{Matrix3, SMatrix, SVector};
 

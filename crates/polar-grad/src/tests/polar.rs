@@ -1,7 +1,7 @@
 //! The polar rotation: what defines it, agreement of the fast path with the SVD, conventions.
 
 use super::{distance_from_rotation, normalised};
-use crate::polar::certified_rotation;
+use crate::polar::{certified_rotation, rotation_step};
 use crate::testing::{Random, hard_cases, planted};
 use crate::{polar, polar_rotation, signed_svd};
 use nalgebra::{Matrix3, Vector3};
@@ -69,6 +69,47 @@ fn fast_path_serves_ordinary_deformations() {
     );
     assert!(worst < 5e-15);
     assert!(missed < 5, "{missed} of 100000 left the fast path");
+}
+
+/// Powers of two scale every step exactly, so that the fast path serves all units of length alike, to the last bit.
+#[test]
+fn fast_path_is_the_same_in_any_unit_of_length() {
+    let mut random = Random::new(31);
+    for _ in 0..500 {
+        let m = random.rotation() * (Matrix3::identity() + random.matrix() * 0.4);
+        let expected = certified_rotation(&m);
+        assert!(expected.is_some(), "{m}");
+        for exponent in [-60, -20, 20, 60] {
+            let scaled = m * 2.0_f64.powi(exponent);
+            assert_eq!(certified_rotation(&scaled), expected, "{exponent} {m}");
+        }
+    }
+}
+
+/// The last step is certified only when it was small AND led to the nearest rotation: neither one is enough.
+#[test]
+fn a_step_is_refused_when_long_and_where_the_rotation_is_not_the_nearest() {
+    let mut random = Random::new(32);
+    let stretch = Vector3::new(1.3, 1.0, 0.7);
+    for _ in 0..200 {
+        let nearest = random.rotation();
+        let m = nearest * Matrix3::from_diagonal(&stretch);
+        let axis = random.rotation().column(0).into_owned();
+        let turned = |angle: f64| {
+            let turn = nalgebra::Rotation3::from_scaled_axis(axis * angle);
+            rotation_step(&m, &(nearest * turn.matrix()), stretch.sum())
+        };
+        let error = (turned(3e-9).expect("near") - nearest).amax();
+        assert!(error < 2e-15, "{error:e}");
+        assert_eq!(turned(1e-3), None);
+        // Half a turn about an axis of the stretch keeps R^T M symmetric.
+        for k in 0..3 {
+            let mut half_turn = Matrix3::from_diagonal_element(-1.0);
+            half_turn[(k, k)] = 1.0;
+            let saddle = nearest * half_turn;
+            assert_eq!(rotation_step(&m, &saddle, stretch.sum()), None);
+        }
+    }
 }
 
 #[test]

@@ -98,6 +98,19 @@ fn ties_follow_the_documented_choice() {
     }
 }
 
+/// Orthogonal columns are only sorted, so that small values keep all their digits and signs, however small.
+#[test]
+fn graded_diagonal_matrices_keep_every_value() {
+    for [y, z] in [[1e-3, 1e-9], [1e-100, 1e-150], [1e-200, 1e-290]] {
+        for signs in [[1.0, 1.0, 1.0], [1.0, -1.0, -1.0], [-1.0, -1.0, 1.0]] {
+            let diagonal = Vector3::new(signs[0], signs[1] * y, signs[2] * z);
+            let svd = check(&Matrix3::from_diagonal(&diagonal));
+            assert_eq!(svd.sigma, Vector3::new(1.0, y, z));
+            assert_eq!(svd.rotation(), Matrix3::from_diagonal(&signs.into()));
+        }
+    }
+}
+
 #[test]
 fn rank_one_turns_by_the_smallest_angle() {
     for seed in 0..500 {
