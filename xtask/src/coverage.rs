@@ -1,8 +1,8 @@
 //! `cargo xtask coverage`: which share of each crate's lines the tests run.
 
-use crate::{cargo, line, root};
+use crate::{cargo, line, root, tools};
 use std::collections::BTreeMap;
-use std::process::{Command, ExitCode, Stdio};
+use std::process::ExitCode;
 
 /// Where the report of every line is left, from the root of the workspace.
 const REPORT: &str = "target/coverage.lcov";
@@ -49,29 +49,10 @@ fn prepare() -> Result<(), String> {
     let tools = "the component llvm-tools is missing and could not be added: `rustup component add llvm-tools`, or set LLVM_COV and \
                  LLVM_PROFDATA to the tools of the LLVM that rustc was built with";
     let given = ["LLVM_COV", "LLVM_PROFDATA"].map(|name| std::env::var_os(name).is_some());
-    if given != [true, true] && !succeeds("rustup", &["component", "add", "llvm-tools"]) {
+    if given != [true, true] && !tools::succeeds("rustup", &["component", "add", "llvm-tools"]) {
         return Err(tools.to_string());
     }
-    if is_installed() {
-        return Ok(());
-    }
-    eprintln!("installing cargo-llvm-cov, once");
-    if succeeds("cargo", &["install", "--locked", "cargo-llvm-cov"]) {
-        return Ok(());
-    }
-    Err("cargo-llvm-cov is missing and could not be installed: `cargo install --locked cargo-llvm-cov`".to_string())
-}
-
-fn is_installed() -> bool {
-    let mut command = Command::new("cargo");
-    command.args(["llvm-cov", "--version"]);
-    command.stdout(Stdio::null()).stderr(Stdio::null());
-    command.status().is_ok_and(|status| status.success())
-}
-
-fn succeeds(program: &str, arguments: &[&str]) -> bool {
-    let status = Command::new(program).args(arguments).status();
-    status.is_ok_and(|status| status.success())
+    tools::prepare("llvm-cov")
 }
 
 /// Lines with code and lines that were run, by the folder of the crate.

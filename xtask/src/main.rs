@@ -1,6 +1,7 @@
 //! Thin dispatcher: builds in release mode and starts the program, the tests, the benches and the checks. Links none of the crates.
 
 mod coverage;
+mod tools;
 
 use std::path::Path;
 use std::process::{Command, ExitCode};
@@ -36,6 +37,8 @@ cargo xtask COMMAND
   test [ARGS]    run all tests (arguments go to cargo test)
   coverage [ARGS]
                  run all tests and tell how many lines of each crate they run (arguments go to cargo llvm-cov)
+  mutants [ARGS] change the derivatives, the effects and the adjoint on purpose, one place at a time, and tell which changes no test notices
+                 (arguments go to cargo mutants; docs/mutants.md tells more; hours)
   bench [ARGS]   run all benches of the crates (arguments begin with - and go to cargo bench)
   bench box|body|methods|kernels|warm|effects|threads|roofline [...]
                  measure whole solves, kernels and the machine
@@ -68,6 +71,7 @@ fn main() -> ExitCode {
         "import" => program("import", "myofield-import", &rest),
         "test" => run(&tests(&rest)),
         "coverage" => coverage::coverage(&rest),
+        "mutants" => mutants(&rest),
         "bench" if is_measurement(&rest) => program("myofield-bench", "myofield-bench", &rest),
         "bench" => run(&benches(&rest)),
         "faults" => faults(&rest),
@@ -116,6 +120,18 @@ fn program(package: &str, name: &str, arguments: &[String]) -> ExitCode {
     words.push("--".to_string());
     words.extend_from_slice(arguments);
     become_or_run(cargo(&words))
+}
+
+/// What is changed and how it is built says `.cargo/mutants.toml`.
+fn mutants(rest: &[String]) -> ExitCode {
+    if let Err(what) = tools::prepare("mutants") {
+        eprintln!("error: {what}");
+        return ExitCode::FAILURE;
+    }
+    let mut words = line("mutants --workspace --output");
+    words.push(root().join("target").display().to_string());
+    words.extend_from_slice(rest);
+    run(&words)
 }
 
 /// The program that is disturbed is built first: the disturber looks for it beside itself.

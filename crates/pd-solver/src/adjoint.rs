@@ -167,3 +167,6 @@ fn gradient(
         *out = cotangent[node as usize] - space.scratch[node as usize];
     }
 }
+
+#[cfg(test)]
+mod tests;
