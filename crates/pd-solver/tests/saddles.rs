@@ -120,15 +120,14 @@ fn a_column_that_is_pressed_together_buckles_by_every_method() {
 /// Where all iterations are used up, the solve says that the state is no minimum, or not what it is, but never that it is one.
 #[test]
 fn a_saddle_is_told_where_there_are_no_iterations_left_to_leave_it() {
-    let mut column = Column::new(vec![]);
+    let column = Column::new(vec![]);
     let few = SolveOptions {
         max_iterations: 1,
         ..options(Method::Lbfgs).leaving_saddles()
     };
-    let start = column.straight.clone();
-    let solution = { column.solver }
-        .solve(&column.parameters, Some(&start), &few)
-        .unwrap();
+    let start = Some(&column.straight[..]);
+    let mut solver = column.solver;
+    let solution = solver.solve(&column.parameters, start, &few).unwrap();
     assert!(solution.stats.iterations <= 1, "{:?}", solution.stats);
     assert_ne!(solution.status, Status::Converged);
     assert_ne!(solution.stats.negative_curvature, Some(false));
