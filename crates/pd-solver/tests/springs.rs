@@ -3,7 +3,7 @@
 mod common;
 
 use common::{Numbers, difference, dot, elasticity, held, nodes_where};
-use hex_mesh::{HexMesh, NodeRegion, Quadrature, embed};
+use hex_mesh::{NodeRegion, Quadrature, embed};
 use nalgebra::Vector3;
 use pd_solver::{EffectSpec, EmbeddedSurface, Solver, SpringPoints};
 
