@@ -2,7 +2,9 @@
 
 mod common;
 
-use common::{Numbers, clamped_box, difference, dot, elasticity, held, nodes_where};
+use common::{
+    Numbers, clamped_box, difference, dot, elasticity, held, nodes_where, pressed_column,
+};
 use hex_mesh::{HexMesh, Quadrature};
 use nalgebra::Vector3;
 use pd_solver::{AdjointOptions, AdjointStatus, SolveOptions, Solver, Status, Stop};
@@ -105,16 +107,7 @@ fn a_state_that_is_no_equilibrium_gets_no_gradient() {
 /// there must notice the negative curvature and say so.
 #[test]
 fn negative_curvature_is_noticed_and_said() {
-    let mesh = HexMesh::solid_box([12, 2, 2], 0.1, Quadrature::Eight).unwrap();
-    let ends = nodes_where(&mesh, |x| x.x == 0.0 || x.x > 1.19);
-    let mut solver = Solver::new(&mesh, &[elasticity(), held(ends)]).unwrap();
-    let mut parameters = solver.rest_parameters();
-    for x in &mut parameters.prescribed {
-        x.x *= 0.7;
-    }
-    let straight: Vec<_> = (mesh.nodes().iter())
-        .map(|x| Vector3::new(0.7 * x.x, x.y, x.z))
-        .collect();
+    let (mesh, mut solver, parameters, straight) = pressed_column(0.7, vec![]);
     let options = SolveOptions::new(Stop::RelativeGradient(1e-12));
     let saddle = solver
         .solve(&parameters, Some(&straight), &options)

@@ -2,7 +2,7 @@
 
 mod common;
 
-use common::{Numbers, elasticity, held, nodes_where};
+use common::{Numbers, elasticity, held, nodes_where, pressed_column};
 use hex_mesh::{HexMesh, Quadrature};
 use nalgebra::{Matrix3, Vector3};
 use pd_solver::{
@@ -127,16 +127,7 @@ fn no_cotangent_gives_no_gradient() {
 /// The limit holds for each of the two methods, and what they took is added.
 #[test]
 fn iterations_of_both_methods_are_added() {
-    let mesh = HexMesh::solid_box([12, 2, 2], 0.1, Quadrature::Eight).unwrap();
-    let ends = nodes_where(&mesh, |x| x.x == 0.0 || x.x > 1.19);
-    let mut solver = Solver::new(&mesh, &[elasticity(), held(ends)]).unwrap();
-    let mut parameters = solver.rest_parameters();
-    for x in &mut parameters.prescribed {
-        x.x *= 0.7;
-    }
-    let straight: Vec<_> = { mesh.nodes().iter() }
-        .map(|x| Vector3::new(0.7 * x.x, x.y, x.z))
-        .collect();
+    let (mesh, mut solver, parameters, straight) = pressed_column(0.7, vec![]);
     let options = SolveOptions::new(Stop::RelativeGradient(1e-12));
     let saddle = solver
         .solve(&parameters, Some(&straight), &options)

@@ -2,7 +2,7 @@
 
 mod common;
 
-use common::{boundary, elasticity, held, nodes_where};
+use common::{elasticity, held, nodes_where, pressed_column};
 use hex_mesh::{HexMesh, NodeRegion, Quadrature};
 use nalgebra::Vector3;
 use pd_solver::{
@@ -23,18 +23,7 @@ struct Column {
 
 impl Column {
     fn new(extra: Vec<EffectSpec>) -> Self {
-        let mesh = HexMesh::solid_box([12, 2, 2], 0.1, Quadrature::Eight).unwrap();
-        let ends = nodes_where(&mesh, |x| x.x == 0.0 || x.x > 1.19);
-        let mut effects = vec![elasticity(), held(ends)];
-        effects.extend(extra);
-        let solver = Solver::on_surface(&mesh, &boundary(&mesh), &effects).unwrap();
-        let mut parameters = solver.rest_parameters();
-        for x in &mut parameters.prescribed {
-            x.x *= PRESSED;
-        }
-        let straight = { mesh.nodes().iter() }
-            .map(|x| Vector3::new(PRESSED * x.x, x.y, x.z))
-            .collect();
+        let (mesh, solver, parameters, straight) = pressed_column(PRESSED, extra);
         Self {
             mesh,
             solver,

@@ -6,6 +6,7 @@ use crate::props::Props;
 use crate::rig::{Bone, Jaw, Rig};
 use crate::scene::Scene;
 use crate::shapes::{ShapeSet, Shapes, difference};
+use actuation_net::JOINT_SIZE;
 use nalgebra::Vector3;
 use pd_solver::Status;
 use std::collections::BTreeMap;
@@ -92,6 +93,29 @@ pub fn rig() -> Rig {
             residual_max: 0.0,
         }),
         props: Props::default(),
+    }
+}
+
+/// Fails where a cotangent of the network's answer for the joint is not the slope of `f` there.
+pub fn assert_joint_slope(
+    exact: &[f32; JOINT_SIZE],
+    answer: &[f32; JOINT_SIZE],
+    f: impl Fn(&[f32; JOINT_SIZE]) -> f64,
+) {
+    for k in 0..JOINT_SIZE {
+        let at = |h: f32| {
+            let mut moved = *answer;
+            moved[k] += h;
+            (f(&moved), f64::from(moved[k]))
+        };
+        let ((up, a), (down, b)) = (at(0.01), at(-0.01));
+        let slope = (up - down) / (a - b);
+        let error = (slope - f64::from(exact[k])).abs();
+        assert!(
+            error < 1e-3 * (1.0 + slope.abs()),
+            "{k}: {slope} {}",
+            exact[k]
+        );
     }
 }
 

@@ -164,21 +164,7 @@ mod tests {
         let mut parameters_bar = rest.clone();
         parameters_bar.prescribed.clone_from(&bar);
         let exact = hanging.vjp(hanging.parameters(&answer), &parameters_bar);
-        for k in 0..JOINT_SIZE {
-            let at = |h: f32| {
-                let mut moved = answer;
-                moved[k] += h;
-                (loss(&moved), f64::from(moved[k]))
-            };
-            let ((up, a), (down, b)) = (at(0.01), at(-0.01));
-            let slope = (up - down) / (a - b);
-            let error = (slope - f64::from(exact[k])).abs();
-            assert!(
-                error < 1e-3 * (1.0 + slope.abs()),
-                "{k}: {slope} {}",
-                exact[k]
-            );
-        }
+        fixture::assert_joint_slope(&exact, &answer, loss);
         let theta = hanging.parameters(&answer);
         let again = hanging.answer(&theta);
         assert!(answer.iter().zip(again).all(|(a, b)| (a - b).abs() < 1e-6));
@@ -202,17 +188,7 @@ mod tests {
         let answer = [0.2_f32, -0.1, 0.5, -0.3, 0.4];
         let of = |answer: &[f32; JOINT_SIZE]| hanging.misfit(hanging.parameters(answer), slid, 2.0);
         let (_, exact) = of(&answer);
-        for k in 0..JOINT_SIZE {
-            let at = |h: f32| {
-                let mut moved = answer;
-                moved[k] += h;
-                (of(&moved).0, f64::from(moved[k]))
-            };
-            let ((up, a), (down, b)) = (at(0.01), at(-0.01));
-            let slope = (up - down) / (a - b);
-            let error = (slope - f64::from(exact[k])).abs();
-            assert!(error < 1e-3 * (1.0 + slope.abs()), "{k}: {slope}");
-        }
+        fixture::assert_joint_slope(&exact, &answer, |answer| of(answer).0);
     }
 
     #[test]

@@ -136,6 +136,10 @@ impl Props {
         Ok(self)
     }
 
+    fn obstacle(&self, name: &str) -> Option<&Prop> {
+        self.obstacles.iter().find(|o| o.name == name)
+    }
+
     /// What the joint moves.
     pub(crate) fn moving(&self) -> impl Iterator<Item = &Prop> {
         self.obstacles.iter().filter(|o| o.moves)
@@ -202,7 +206,7 @@ impl Props {
                         let Obstacle::Named { name } = obstacle else {
                             continue;
                         };
-                        let Some(prop) = self.obstacles.iter().find(|o| o.name == *name) else {
+                        let Some(prop) = self.obstacle(name) else {
                             let known = self.obstacles.iter().map(|o| &o.name);
                             return Err(unknown(place(i), "obstacle", name, known));
                         };
@@ -240,10 +244,9 @@ impl Props {
                 let (count, moves) = match obstacle {
                     Obstacle::Plane { .. } => (0, false),
                     Obstacle::Surface { vertices, .. } => (vertices.len(), false),
-                    Obstacle::Named { name } => {
-                        let prop = self.obstacles.iter().find(|o| o.name == *name);
-                        prop.map_or((0, false), |o| (o.surface.vertex_count(), o.moves))
-                    }
+                    Obstacle::Named { name } => self
+                        .obstacle(name)
+                        .map_or((0, false), |o| (o.surface.vertex_count(), o.moves)),
                 };
                 if moves {
                     places.push(first..first + count);

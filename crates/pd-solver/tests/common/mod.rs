@@ -3,7 +3,7 @@
 
 use hex_mesh::{HexMesh, Quadrature};
 use nalgebra::Vector3;
-use pd_solver::{EffectSpec, EmbeddedSurface, NodeSet, SolveOptions, Solver, Stop};
+use pd_solver::{EffectSpec, EmbeddedSurface, NodeSet, Parameters, SolveOptions, Solver, Stop};
 
 /// Reproducible numbers in [-1, 1] (SplitMix64).
 pub struct Numbers(u64);
@@ -92,4 +92,23 @@ pub fn max_distance(a: &[Vector3<f64>], b: &[Vector3<f64>]) -> f64 {
 /// The boundary of a mesh as triangles, counter-clockwise seen from outside, with a vertex at each of its nodes.
 pub fn boundary(mesh: &HexMesh) -> EmbeddedSurface {
     EmbeddedSurface::boundary(mesh)
+}
+
+/// A column whose ends are pressed together along its axis to a share of its length, with more effects; and where it stays straight, which is a saddle.
+pub fn pressed_column(
+    pressed: f64,
+    extra: Vec<EffectSpec>,
+) -> (HexMesh, Solver, Parameters, Vec<Vector3<f64>>) {
+    let mesh = HexMesh::solid_box([12, 2, 2], 0.1, Quadrature::Eight).unwrap();
+    let ends = nodes_where(&mesh, |x| x.x == 0.0 || x.x > 1.19);
+    let mut effects = vec![elasticity(), held(ends)];
+    effects.extend(extra);
+    let solver = Solver::on_surface(&mesh, &boundary(&mesh), &effects).unwrap();
+    let mut parameters = solver.rest_parameters();
+    for x in &mut parameters.prescribed {
+        x.x *= pressed;
+    }
+    let straight = { mesh.nodes().iter() }.map(|x| Vector3::new(pressed * x.x, x.y, x.z));
+    let straight = straight.collect();
+    (mesh, solver, parameters, straight)
 }

@@ -169,32 +169,17 @@ fn the_joint_moves_obstacles() {
         hanging.place(theta, &mut parameters);
         parameters
     };
-    let moved = at(hanging.parameters(&[0.2, -0.1, 0.5, -0.3, 0.4]));
+    let answer = [0.2, -0.1, 0.5, -0.3, 0.4];
+    let moved = at(hanging.parameters(&answer));
     for (i, (a, b)) in moved.obstacles.iter().zip(&rest.obstacles).enumerate() {
         assert_eq!(a != b, i >= first, "{i}");
     }
-    let answer = [0.2, -0.1, 0.5, -0.3, 0.4];
     let exact = hanging.vjp(hanging.parameters(&answer), &bar);
-    for k in 0..answer.len() {
-        let value = |h: f32| {
-            let mut answer = answer;
-            answer[k] += h;
-            let moved = at(hanging.parameters(&answer)).obstacles;
-            let pairs = moved.iter().zip(&bar.obstacles);
-            (
-                pairs.map(|(x, b)| x.dot(b)).sum::<f64>(),
-                f64::from(answer[k]),
-            )
-        };
-        let ((up, a), (down, b)) = (value(0.01), value(-0.01));
-        let slope = (up - down) / (a - b);
-        let error = (slope - f64::from(exact[k])).abs();
-        assert!(
-            error < 1e-3 * (1.0 + slope.abs()),
-            "{k}: {slope} {}",
-            exact[k]
-        );
-    }
+    fixture::assert_joint_slope(&exact, &answer, |answer| {
+        let moved = at(hanging.parameters(answer)).obstacles;
+        let pairs = moved.iter().zip(&bar.obstacles);
+        pairs.map(|(x, b)| x.dot(b)).sum()
+    });
 }
 
 #[test]
