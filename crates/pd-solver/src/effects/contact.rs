@@ -19,6 +19,7 @@ mod list;
 mod report;
 mod set_up;
 mod topology;
+mod tree;
 
 use super::points::Points;
 use super::{CoarseView, Effect};

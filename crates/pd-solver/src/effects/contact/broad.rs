@@ -1,13 +1,10 @@
 //! The broad phase: what is near at all, by trees of boxes.
 
-use super::distance::{Kind, Nearest};
+use super::distance::{Kind, squared_distance};
 use super::topology::Topology;
+use super::tree::{Fitted, Motion, Tree};
 use nalgebra::Vector3;
-use parry3d_f64::bounding_volume::Aabb;
-use parry3d_f64::math::Vector;
-use parry3d_f64::partitioning::{Bvh, BvhBuildStrategy};
 use rayon::prelude::*;
-use std::ops::Range;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 /// Tests of boxes per task.
@@ -16,92 +13,70 @@ const CHUNK: usize = 64;
 /// Distance of a point from the triangle that it is on, in edges.
 const ROUNDOFF: f64 = 1e-12;
 
-/// Points that move along straight lines, and how near counts as near.
-#[derive(Clone, Copy)]
-pub(super) struct Motion<'a> {
-    pub(super) from: &'a [Vector3<f64>],
-    pub(super) to: &'a [Vector3<f64>],
-    pub(super) reach: f64,
-}
-
-impl<'a> Motion<'a> {
-    /// No motion.
-    pub(super) fn at(x: &'a [Vector3<f64>], reach: f64) -> Self {
-        Self {
-            from: x,
-            to: x,
-            reach,
-        }
-    }
-
-    /// The box around the ways of some points, `grown` on all sides.
-    fn around(&self, points: &[u32], grown: f64) -> Aabb {
-        let (mut low, mut high) = (
-            Vector3::repeat(f64::INFINITY),
-            Vector3::repeat(f64::NEG_INFINITY),
-        );
-        for &p in points {
-            for x in [&self.from[p as usize], &self.to[p as usize]] {
-                (low, high) = (low.inf(x), high.sup(x));
-            }
-        }
-        let grown = Vector::splat(grown);
-        let vector = |x: Vector3<f64>| Vector::new(x.x, x.y, x.z);
-        Aabb::new(vector(low) - grown, vector(high) + grown)
-    }
-
-    fn tree<const N: usize>(&self, parts: &[[u32; N]]) -> Bvh {
-        let boxes: Vec<Aabb> = (parts.par_iter().with_min_len(CHUNK))
-            .map(|part| self.around(part, 0.0))
-            .collect();
-        Bvh::from_leaves(BvhBuildStrategy::Binned, &boxes)
-    }
-}
-
-/// What may be near: indices of a vertex and a triangle, of two edges, or of an edge and a triangle.
+/// What may be near: indices of a vertex and a triangle, or of two edges.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Near {
     VertexTriangle(u32, u32),
     EdgeEdge(u32, u32),
 }
 
-/// One search: a motion, its trees, and how much was found.
+/// One search: a motion, how near counts as near, and how much was found.
 struct Search<'a> {
     topology: &'a Topology,
     motion: Motion<'a>,
+    reach: f64,
     found: AtomicUsize,
     limit: usize,
 }
 
-impl Search<'_> {
-    /// Appends what `keep` makes of all pairs of a part and a leaf of a tree, parts first to last.
-    fn run<const N: usize, P: Send>(
+impl<'a> Search<'a> {
+    fn new(topology: &'a Topology, motion: Motion<'a>, reach: f64, limit: usize) -> Self {
+        Self {
+            topology,
+            motion,
+            reach,
+            found: AtomicUsize::new(0),
+            limit,
+        }
+    }
+
+    fn triangles<'t>(&self, tree: &'t Tree) -> Fitted<'t> {
+        tree.fit(&self.topology.triangles, &self.motion)
+    }
+
+    fn edges<'t>(&self, tree: &'t Tree) -> Fitted<'t> {
+        tree.fit(&self.topology.edges, &self.motion)
+    }
+
+    /// Appends what `keep` makes of all pairs of a part and what is in a tree from the part's place on, parts first to last.
+    fn run<P: Send>(
         &self,
-        parts: (Range<usize>, impl Fn(u32) -> [u32; N] + Sync),
-        tree: &Bvh,
+        parts: impl IndexedParallelIterator<Item = (usize, u32)>,
+        points: impl Fn(u32) -> &'a [u32] + Sync,
+        tree: &Fitted,
         keep: impl Fn(u32, u32) -> Option<P> + Sync,
         out: &mut Vec<P>,
     ) {
-        let (range, points) = parts;
-        if tree.is_empty() || range.is_empty() {
-            return;
-        }
-        let of = |part: usize| {
-            let part = part as u32;
-            let around = self.motion.around(&points(part), self.motion.reach);
+        let of = |(place, part): (usize, u32)| {
+            let around = self.motion.around(points(part), self.reach);
             let mut near = Vec::new();
             if self.found.load(Ordering::Relaxed) <= self.limit {
                 let mut count = 0;
-                near.extend(tree.intersect_aabb(&around).filter_map(|leaf| {
+                tree.after(place, &around, |leaf| {
                     count += 1;
-                    keep(part, leaf)
-                }));
+                    near.extend(keep(part, leaf));
+                });
                 self.found.fetch_add(count, Ordering::Relaxed);
             }
             near
         };
-        out.par_extend((range.into_par_iter().with_min_len(CHUNK)).flat_map_iter(of));
+        out.par_extend(parts.with_min_len(CHUNK).flat_map_iter(of));
     }
+}
+
+/// Parts that are looked for in all of a tree.
+fn everywhere(parts: std::ops::Range<usize>) -> impl IndexedParallelIterator<Item = (usize, u32)> {
+    parts.into_par_iter().map(|part| (0, part as u32))
 }
 
 /// Collects what `keep` makes of everything that comes near in a motion, in an order that depends on nothing else; `own` asks for what the surface
@@ -109,47 +84,41 @@ impl Search<'_> {
 pub(super) fn near<P: Send>(
     topology: &Topology,
     motion: Motion,
+    reach: f64,
     own: bool,
     limit: usize,
     keep: impl Fn(Near) -> Option<P> + Sync,
 ) -> Option<Vec<P>> {
-    let search = Search {
-        topology,
-        motion,
-        found: AtomicUsize::new(0),
-        limit,
-    };
-    let t = search.topology;
-    let (own_triangles, obstacles) = t.triangles.split_at(t.own_triangles);
-    let (own_edges, obstacle_edges) = t.edges.split_at(t.own_edges);
+    let t = topology;
+    let search = Search::new(t, motion, reach, limit);
     let mut out = Vec::new();
-    let vertex = |v: u32| [v];
-    let edge = |e: u32| t.edges[e as usize];
-    let triangle = motion.tree(own_triangles);
-    let all_points = t.rest.len();
-    let mut vertices = |points: Range<usize>, tree: &Bvh, first: usize| {
-        let keep = |v: u32, leaf: u32| keep(Near::VertexTriangle(v, leaf + first as u32));
-        search.run((points, vertex), tree, keep, &mut out);
-    };
+    let numbers: Vec<u32> = (0..t.rest.len() as u32).collect();
+    let vertex = |v: u32| &numbers[v as usize..=v as usize];
+    let edge = |e: u32| &t.edges[e as usize][..];
+    let touched = |v: u32, triangle: u32| keep(Near::VertexTriangle(v, triangle));
+    let crossed = |e: u32, f: u32| keep(Near::EdgeEdge(e.min(f), e.max(f)));
+    let triangles = search.triangles(&t.trees.own_triangles);
+    let (own_points, obstacle_points) = (0..t.own_points, t.own_points..t.rest.len());
     if own {
-        vertices(0..t.own_points, &triangle, 0);
+        let parts = everywhere(own_points.clone());
+        search.run(parts, vertex, &triangles, touched, &mut out);
     }
-    if !obstacles.is_empty() {
-        vertices(0..t.own_points, &motion.tree(obstacles), t.own_triangles);
-        vertices(t.own_points..all_points, &triangle, 0);
-        let tree = motion.tree(obstacle_edges);
-        let first = t.own_edges as u32;
-        let keep = |e: u32, leaf: u32| keep(Near::EdgeEdge(e, leaf + first));
-        search.run((0..t.own_edges, edge), &tree, keep, &mut out);
+    if t.has_obstacles() {
+        let obstacles = search.triangles(&t.trees.obstacle_triangles);
+        let parts = everywhere(own_points);
+        search.run(parts, vertex, &obstacles, touched, &mut out);
+        let parts = everywhere(obstacle_points);
+        search.run(parts, vertex, &triangles, touched, &mut out);
+        let obstacles = search.edges(&t.trees.obstacle_edges);
+        let parts = everywhere(0..t.own_edges);
+        search.run(parts, edge, &obstacles, crossed, &mut out);
     }
     if own {
-        let keep = |e: u32, f: u32| (e < f).then(|| keep(Near::EdgeEdge(e, f))).flatten();
-        search.run(
-            (0..t.own_edges, edge),
-            &motion.tree(own_edges),
-            keep,
-            &mut out,
-        );
+        let edges = &t.trees.own_edges;
+        // Each two once: from the place of the one that comes first in the tree.
+        let leaves = edges.leaves();
+        let parts = leaves.par_iter().map(|&(place, e)| (place + 1, e));
+        search.run(parts, edge, &search.edges(edges), crossed, &mut out);
     }
     (search.found.into_inner() <= limit).then_some(out)
 }
@@ -157,32 +126,26 @@ pub(super) fn near<P: Send>(
 /// All edges that pass through triangles at the positions `x`, by their indices.
 pub(super) fn piercings(topology: &Topology, x: &[Vector3<f64>], own: bool) -> Vec<(u32, u32)> {
     let t = topology;
-    let motion = Motion::at(x, 0.0);
-    let search = Search {
-        topology: t,
-        motion,
-        found: AtomicUsize::new(0),
-        limit: usize::MAX,
-    };
-    let (own_triangles, obstacles) = t.triangles.split_at(t.own_triangles);
-    let edge = |e: u32| t.edges[e as usize];
+    let search = Search::new(t, Motion::at(x), 0.0, usize::MAX);
+    let edge = |e: u32| &t.edges[e as usize][..];
     let pierces = |e: u32, triangle: u32| {
-        let (ends, corners) = (edge(e), t.triangles[triangle as usize]);
+        let (ends, corners) = (t.edges[e as usize], t.triangles[triangle as usize]);
         let [p, q] = ends.map(|p| x[p as usize]);
         let [a, b, c] = corners.map(|p| x[p as usize]);
         (t.may_touch(&ends, &corners) && pierce(&[p, q], &[a, b, c])).then_some((e, triangle))
     };
     let mut out = Vec::new();
-    let tree = motion.tree(own_triangles);
+    let triangles = search.triangles(&t.trees.own_triangles);
+    let own_edges = 0..t.own_edges;
     if own {
-        search.run((0..t.own_edges, edge), &tree, pierces, &mut out);
+        let parts = everywhere(own_edges.clone());
+        search.run(parts, edge, &triangles, pierces, &mut out);
     }
-    if !obstacles.is_empty() {
-        search.run((t.own_edges..t.edges.len(), edge), &tree, pierces, &mut out);
-        let tree = motion.tree(obstacles);
-        let first = t.own_triangles as u32;
-        let pierces = |e: u32, leaf: u32| pierces(e, leaf + first);
-        search.run((0..t.own_edges, edge), &tree, pierces, &mut out);
+    if t.has_obstacles() {
+        let parts = everywhere(t.own_edges..t.edges.len());
+        search.run(parts, edge, &triangles, pierces, &mut out);
+        let obstacles = search.triangles(&t.trees.obstacle_triangles);
+        search.run(everywhere(own_edges), edge, &obstacles, pierces, &mut out);
     }
     out
 }
@@ -198,7 +161,7 @@ fn pierce(segment: &[Vector3<f64>; 2], triangle: &[Vector3<f64>; 3]) -> bool {
     }
     let along = q - p;
     let crossing = p + along * (sides[0] / (sides[0] - sides[1]));
-    let nearest = Nearest::of(Kind::VertexTriangle, &[crossing, *a, *b, *c]);
+    let squared = squared_distance(Kind::VertexTriangle, &[crossing, *a, *b, *c]);
     let size = (b - a).norm_squared().max((c - a).norm_squared());
-    nearest.squared() <= ROUNDOFF * ROUNDOFF * size.max(along.norm_squared())
+    squared <= ROUNDOFF * ROUNDOFF * size.max(along.norm_squared())
 }

@@ -4,7 +4,7 @@
 //! bounds from below the time at which the two can meet, and is added up. Every addition keeps a tenth of the distance in hand, so that roundoff
 //! cannot hide a collision.
 
-use super::distance::{Kind, Nearest, Quad};
+use super::distance::{Kind, Quad, squared_distance};
 use std::sync::atomic::{AtomicU64, Ordering};
 
 /// Share of the distance that is kept.
@@ -24,7 +24,7 @@ pub(crate) fn free_share(kind: Kind, x: &Quad, p: &Quad, limit: f64) -> f64 {
     if motion == 0.0 {
         return limit;
     }
-    let mut distance = Nearest::of(kind, x).squared().sqrt();
+    let mut distance = squared_distance(kind, x).sqrt();
     let kept = KEPT * distance;
     if apart(kind, x, &p, kept) {
         return limit;
@@ -34,7 +34,7 @@ pub(crate) fn free_share(kind: Kind, x: &Quad, p: &Quad, limit: f64) -> f64 {
         // What is seen on the way must not hang on the limit, so that the least of many does not hang on their order.
         let next = (share + step).min(1.0);
         let moved: Quad = std::array::from_fn(|i| x[i] + p[i] * next);
-        distance = Nearest::of(kind, &moved).squared().sqrt();
+        distance = squared_distance(kind, &moved).sqrt();
         if share > 0.0 && distance < kept {
             break;
         }

@@ -108,6 +108,39 @@ impl Nearest {
     }
 }
 
+/// The squared distance alone, for where many are too far to matter.
+pub(crate) fn squared_distance(kind: Kind, x: &Quad) -> f64 {
+    match kind {
+        Kind::VertexTriangle => squared_to_triangle(x),
+        Kind::EdgeEdge => squared_between_edges(x),
+    }
+}
+
+/// The square of a vertex's distance from an edge.
+fn squared_to_edge(p: &Vector3<f64>, a: &Vector3<f64>, b: &Vector3<f64>) -> f64 {
+    let (t, _) = on_edge(p, a, b);
+    (p - a - (b - a) * t).norm_squared()
+}
+
+fn squared_to_triangle(x: &Quad) -> f64 {
+    if let Some((_, _, q)) = over_triangle(x) {
+        return q.norm_squared();
+    }
+    let [p, a, b, c] = x;
+    let of_edges = squared_to_edge(p, a, b).min(squared_to_edge(p, b, c));
+    of_edges.min(squared_to_edge(p, c, a))
+}
+
+fn squared_between_edges(x: &Quad) -> f64 {
+    if let Some((_, _, q)) = between_insides(x) {
+        return q.norm_squared();
+    }
+    let [a, b, c, d] = x;
+    let of_first = squared_to_edge(a, c, d).min(squared_to_edge(b, c, d));
+    let of_second = squared_to_edge(c, a, b).min(squared_to_edge(d, a, b));
+    of_first.min(of_second)
+}
+
 /// Whether boxes around both are at least this far apart, along one axis: a quick no.
 pub(crate) fn boxes_apart(kind: Kind, x: &Quad, distance: f64) -> bool {
     let (one, other) = x.split_at(kind.first());
@@ -150,22 +183,24 @@ fn nearer(a: Nearest, b: Nearest) -> Nearest {
     if b.squared() < a.squared() { b } else { a }
 }
 
-fn vertex_triangle(x: &Quad) -> Nearest {
+/// Where the vertex is over the inside of the triangle, by two of the weights of its corners, and what leads from there to it.
+fn over_triangle(x: &Quad) -> Option<(f64, f64, Vector3<f64>)> {
     let (e1, e2, p) = (x[2] - x[1], x[3] - x[1], x[0] - x[1]);
     let normal = e1.cross(&e2);
     let square = normal.norm_squared();
     let u = p.cross(&e2).dot(&normal);
     let v = e1.cross(&p).dot(&normal);
-    if square > 0.0 && u > 0.0 && v > 0.0 && u + v < square {
-        let (u, v) = (u / square, v / square);
-        let mut nearest = Nearest::new(
-            x,
-            [1.0, u + v - 1.0, -u, -v],
-            &[[0.0, 1.0, -1.0, 0.0], [0.0, 1.0, 0.0, -1.0]],
-        );
-        // Across the plane exactly: roundoff of the parameters would be seen along it.
-        nearest.q = normal * (p.dot(&normal) / square);
-        return nearest;
+    // Across the plane exactly: roundoff of the parameters would be seen along it.
+    let inside = square > 0.0 && u > 0.0 && v > 0.0 && u + v < square;
+    inside.then(|| (u / square, v / square, normal * (p.dot(&normal) / square)))
+}
+
+fn vertex_triangle(x: &Quad) -> Nearest {
+    if let Some((u, v, q)) = over_triangle(x) {
+        let beta = [1.0, u + v - 1.0, -u, -v];
+        let slopes = [[0.0, 1.0, -1.0, 0.0], [0.0, 1.0, 0.0, -1.0]];
+        let nearest = Nearest::new(x, beta, &slopes);
+        return Nearest { q, ..nearest };
     }
     let of_edges = [(1, 2), (2, 3), (3, 1)].map(|(a, b)| vertex_edge(x, a, b));
     let [a, b, c] = of_edges;
@@ -185,21 +220,23 @@ fn end_and_edge(x: &Quad, end: usize, a: usize, b: usize) -> Nearest {
     Nearest::new(x, beta, &[slope][..usize::from(inside)])
 }
 
-fn edge_edge(x: &Quad) -> Nearest {
+/// Where two edges are nearest inside both, by the shares of either, and what leads from the second to the first.
+fn between_insides(x: &Quad) -> Option<(f64, f64, Vector3<f64>)> {
     let (u, v, w) = (x[1] - x[0], x[3] - x[2], x[0] - x[2]);
     let normal = u.cross(&v);
     let square = normal.norm_squared();
     let s = v.cross(&w).dot(&normal);
     let t = u.cross(&w).dot(&normal);
-    if square > 0.0 && s > 0.0 && s < square && t > 0.0 && t < square {
-        let (s, t) = (s / square, t / square);
-        let mut nearest = Nearest::new(
-            x,
-            [1.0 - s, s, t - 1.0, -t],
-            &[[-1.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, -1.0]],
-        );
-        nearest.q = normal * (w.dot(&normal) / square);
-        return nearest;
+    let inside = square > 0.0 && s > 0.0 && s < square && t > 0.0 && t < square;
+    inside.then(|| (s / square, t / square, normal * (w.dot(&normal) / square)))
+}
+
+fn edge_edge(x: &Quad) -> Nearest {
+    if let Some((s, t, q)) = between_insides(x) {
+        let beta = [1.0 - s, s, t - 1.0, -t];
+        let slopes = [[-1.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, -1.0]];
+        let nearest = Nearest::new(x, beta, &slopes);
+        return Nearest { q, ..nearest };
     }
     let ends = [(0, 2, 3), (1, 2, 3), (2, 0, 1), (3, 0, 1)];
     let [a, b, c, d] = ends.map(|(end, a, b)| end_and_edge(x, end, a, b));

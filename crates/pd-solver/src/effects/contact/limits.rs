@@ -2,7 +2,7 @@
 
 use super::broad::piercings;
 use super::ccd::Least;
-use super::distance::{Kind, Nearest, Quad};
+use super::distance::{Kind, Quad, squared_distance};
 use super::topology::Pair;
 use super::{CHUNK, Contact};
 use crate::error::SolverError;
@@ -95,8 +95,8 @@ impl Contact {
             return Some(self.between(&ends, triangle, x));
         }
         let touching = |pair: &&Pair| {
-            let nearest = Nearest::of(pair.barrier.kind, &pair.gather(x));
-            nearest.squared().sqrt() <= TOUCHING * self.dhat
+            let squared = squared_distance(pair.barrier.kind, &pair.gather(x));
+            squared.sqrt() <= TOUCHING * self.dhat
         };
         let pair = self.list.pairs.iter().find(touching)?;
         let [a, b, c, _] = pair.points;

@@ -1,8 +1,9 @@
 //! The list of pairs that may be felt, kept while nothing has moved far from where, or from the way along which, it was made.
 
-use super::broad::{Motion, Near, near};
-use super::distance::{Kind, Nearest, Quad, boxes_apart};
+use super::broad::{Near, near};
+use super::distance::{Kind, Quad, boxes_apart, squared_distance};
 use super::topology::{Pair, Topology};
+use super::tree::Motion;
 use nalgebra::Vector3;
 
 /// Pairs that come nearer than their barriers and a margin, somewhere on the way that the list was made for.
@@ -82,12 +83,8 @@ impl PairList {
             let own = pair.barrier.dhat + reach.margin;
             comes_within(kind, &points, from, to, own).then_some(pair)
         };
-        let motion = Motion {
-            from,
-            to,
-            reach: distance,
-        };
-        let Some(pairs) = near(topology, motion, reach.own, limit, keep) else {
+        let motion = Motion { from, to };
+        let Some(pairs) = near(topology, motion, distance, reach.own, limit, keep) else {
             return false;
         };
         self.pairs = pairs;
@@ -125,9 +122,9 @@ fn comes_within(
     let at: Quad = points.map(|p| from[p as usize]);
     let ways = points.map(|p| to[p as usize] - from[p as usize]);
     let mean = (ways[0] + ways[1] + ways[2] + ways[3]) / 4.0;
-    let moves = ways.map(|way| (way - mean).norm());
+    let moves = ways.map(|way| (way - mean).norm_squared());
     let (one, other) = moves.split_at(kind.first());
-    let longest = |moves: &[f64]| moves.iter().fold(0.0, |a: f64, b| a.max(*b));
+    let longest = |moves: &[f64]| moves.iter().fold(0.0, |a: f64, b| a.max(*b)).sqrt();
     let distance = distance + longest(one) + longest(other);
-    !boxes_apart(kind, &at, distance) && Nearest::of(kind, &at).squared() < distance * distance
+    !boxes_apart(kind, &at, distance) && squared_distance(kind, &at) < distance * distance
 }

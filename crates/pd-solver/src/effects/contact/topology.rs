@@ -2,7 +2,8 @@
 
 use super::barrier::Barrier;
 use super::broad::Near;
-use super::distance::{Kind, Nearest, Quad};
+use super::distance::{Kind, Quad, squared_distance};
+use super::tree::Trees;
 use nalgebra::Vector3;
 use std::collections::BTreeMap;
 
@@ -48,6 +49,7 @@ pub(super) struct Topology {
     point_areas: Vec<f64>,
     triangle_areas: Vec<f64>,
     edge_areas: Vec<f64>,
+    pub(super) trees: Trees,
     dhat: f64,
     stiffness: f64,
 }
@@ -81,8 +83,10 @@ impl Topology {
         }
         let (edges, edge_areas): (Vec<[u32; 2]>, Vec<f64>) = edges.into_iter().unzip();
         let is_own = |e: &&[u32; 2]| (e[0] as usize) < own_points;
+        let own_edges = edges.iter().take_while(is_own).count();
         Self {
-            own_edges: edges.iter().take_while(is_own).count(),
+            own_edges,
+            trees: Trees::new(&triangles, &edges, [own_triangles, own_edges], &rest),
             same: welded(&rest),
             left_out: vec![false; rest.len()],
             own_points,
@@ -100,6 +104,10 @@ impl Topology {
 
     pub(super) fn is_own(&self, point: u32) -> bool {
         (point as usize) < self.own_points
+    }
+
+    pub(super) fn has_obstacles(&self) -> bool {
+        self.triangles.len() > self.own_triangles
     }
 
     /// Whether two things can touch at all: they share no point, are not both obstacles, and not left out.
@@ -173,9 +181,8 @@ impl Topology {
         if !points.iter().all(|&p| self.is_own(p)) {
             return Some(self.dhat);
         }
-        let at_rest = Nearest::of(kind, &points.map(|p| self.rest[p as usize]));
-        let distance = at_rest.squared().sqrt();
-        match distance {
+        let at_rest = squared_distance(kind, &points.map(|p| self.rest[p as usize]));
+        match at_rest.sqrt() {
             d if d <= ONE * self.dhat => None,
             d if d < self.dhat => Some(OF_REST * d),
             _ => Some(self.dhat),
@@ -201,6 +208,7 @@ impl Topology {
             + size_of_val(&self.edges[..])
             + size_of_val(&self.edge_areas[..])
             + points * self.rest.len()
+            + self.trees.bytes()
     }
 }
 

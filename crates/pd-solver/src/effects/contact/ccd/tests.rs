@@ -1,3 +1,4 @@
+use super::super::distance::Nearest;
 use super::super::distance::tests::{Numbers, shifted};
 use super::*;
 

@@ -74,6 +74,8 @@ fn distances_are_the_least() {
             let (exact, sampled) = (Nearest::of(kind, &x).squared().sqrt(), sampled(kind, &x));
             assert!(exact <= sampled + 1e-12, "{kind:?}: {exact} {sampled}");
             assert!(sampled - exact < 0.05, "{kind:?}: {exact} {sampled}");
+            let alone = squared_distance(kind, &x).sqrt();
+            assert!((alone - exact).abs() <= 1e-12, "{kind:?}: {exact} {alone}");
         }
     }
 }
@@ -124,20 +126,25 @@ fn the_crossing_has_its_derivatives() {
 fn flat_things_have_distances_too() {
     let at = |x: f64, y: f64, z: f64| Vector3::new(x, y, z);
     let point = [at(1.0, 1.0, 0.5); 4];
-    assert_eq!(Nearest::of(Kind::VertexTriangle, &point).squared(), 0.0);
-    assert_eq!(Nearest::of(Kind::EdgeEdge, &point).squared(), 0.0);
+    let squared = |kind: Kind, x: &Quad| {
+        let squared = Nearest::of(kind, x).squared();
+        assert_eq!(squared_distance(kind, x), squared);
+        squared
+    };
+    assert_eq!(squared(Kind::VertexTriangle, &point), 0.0);
+    assert_eq!(squared(Kind::EdgeEdge, &point), 0.0);
     let line = [
         at(0.0, 2.0, 0.0),
         at(-1.0, 0.0, 0.0),
         at(0.5, 0.0, 0.0),
         at(1.0, 0.0, 0.0),
     ];
-    assert_eq!(Nearest::of(Kind::VertexTriangle, &line).squared(), 4.0);
+    assert_eq!(squared(Kind::VertexTriangle, &line), 4.0);
     let parallel = [
         at(0.0, 0.0, 0.0),
         at(1.0, 0.0, 0.0),
         at(0.5, 0.0, 3.0),
         at(2.0, 0.0, 3.0),
     ];
-    assert_eq!(Nearest::of(Kind::EdgeEdge, &parallel).squared(), 9.0);
+    assert_eq!(squared(Kind::EdgeEdge, &parallel), 9.0);
 }
