@@ -113,7 +113,8 @@ pub fn lists(case: &Case) -> Vec<List> {
     let damping = EffectSpec::Damping {
         viscosity: 0.1 * STIFFNESS * TIME_STEP,
     };
-    let all: Vec<EffectSpec> = still.iter().map(|(_, effect)| effect.clone()).collect();
+    let mut all: Vec<EffectSpec> = still.iter().map(|(_, effect)| effect.clone()).collect();
+    all.push(contact.clone());
     let list = |name, extra| List { name, extra };
     let mut lists = vec![list("none", vec![])];
     lists.extend(still.map(|(name, effect)| list(name, vec![effect])));
