@@ -465,3 +465,31 @@ fn pressures_between_faces_are_as_documented() {
         }
     }
 }
+
+/// Far from everything contact is not felt, however much a step sweeps over on its way: the boxes around the ways of all parts of a bar that swings
+/// meet each other, but its parts do not.
+#[test]
+fn a_bar_that_swings_far_takes_the_steps_that_it_takes_without_contact() {
+    let mesh = HexMesh::solid_box([48, 4, 4], 0.25, Quadrature::Eight).unwrap();
+    let end = nodes_where(&mesh, |x| x.x < 1e-9);
+    let others = [elasticity(), held(end), gravity(-4e-3)];
+    let options = SolveOptions {
+        method: Method::Newton,
+        ..tight()
+    };
+    let mut free = Solver::new(&mesh, &others).unwrap();
+    let parameters = free.rest_parameters();
+    let free = solved(&mut free, &parameters, &options);
+    let effects = [&others[..], &[contact(true, vec![])]].concat();
+    let mut solver = Solver::on_surface(&mesh, &skin(&mesh), &effects).unwrap();
+    let parameters = solver.rest_parameters();
+    let solution = solved(&mut solver, &parameters, &options);
+    let moved = max_distance(&solution.positions, mesh.nodes());
+    assert!(moved > 4.0, "{moved}");
+    assert!(max_distance(&solution.positions, &free.positions) < 1e-6);
+    let steps = [&solution, &free].map(|s| s.stats.iterations);
+    assert!(steps[0] <= steps[1] + 3, "{steps:?}");
+    // One look at the start, one at most for every step.
+    let looks = solution.stats.work.contact_queries as usize;
+    assert!(looks <= solution.stats.iterations + 2, "{looks} looks");
+}
