@@ -3,6 +3,7 @@
 use crate::error::{Result, TrainerError};
 use crate::scene::Scene;
 use crate::units::Length;
+use std::path::Path;
 
 impl Scene {
     /// Sets [`Scene::accuracy`].
@@ -24,7 +25,7 @@ impl Scene {
     }
 
     /// The accuracy asked by [`Scene::accuracy`], in the scene's unit.
-    fn accuracy_asked(&self) -> Option<f64> {
+    pub fn accuracy_asked(&self) -> Option<f64> {
         // Scenes whose unit does not fit are refused when they are read.
         self.accuracy.as_ref()?.in_unit(&self.unit).ok()
     }
@@ -65,11 +66,31 @@ pub fn with_accuracy(text: &str, accuracy: &Length) -> String {
     format!("accuracy = {own}\n{}", kept.collect::<String>())
 }
 
+/// The text of a scene with another `mesh.element_size`; without its comments where that does not stand on a line of its own.
+pub fn with_element_size(text: &str, scene: &Scene) -> String {
+    let mut in_mesh = false;
+    let lines = text.split_inclusive('\n').map(|line| {
+        let start = line.trim_start();
+        if start.starts_with('[') {
+            in_mesh = start.starts_with("[mesh]");
+        }
+        let key = start.split('=').next().unwrap_or_default().trim();
+        match in_mesh && key == "element_size" {
+            true => format!("element_size = {}\n", scene.mesh.element_size),
+            false => line.to_string(),
+        }
+    });
+    let edited: String = lines.collect();
+    match Scene::parse(&edited, Path::new("")) {
+        Ok(read) if read == *scene => edited,
+        _ => toml::to_string(scene).expect("a scene is plain data"),
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::fixture;
-    use std::path::Path;
 
     #[test]
     fn one_length_sets_all_tolerances() {
@@ -110,5 +131,27 @@ mod tests {
         assert!(scene.set_accuracy(&"1 mm".parse().unwrap()).is_err());
         scene.set_accuracy(&"0.01".parse().unwrap()).unwrap();
         assert_eq!(scene.training_accuracy(3.0), 0.01);
+    }
+
+    #[test]
+    fn the_size_of_elements_is_replaced_where_it_stands() {
+        let text = fixture::SCENE.replace(
+            "element_size = 0.4",
+            "element_size = 0.4 # coarse\nsamples = 1",
+        );
+        let mut scene = Scene::parse(&text, Path::new("ball.toml")).unwrap();
+        scene.mesh.element_size = 0.123;
+        let edited = with_element_size(&text, &scene);
+        assert_eq!(edited, text.replace("0.4 # coarse", "0.123"));
+        let inline = text.replace("[mesh]\nelement_size = 0.4 # coarse\nsamples = 1\n", "");
+        let inline = inline.replace(
+            "name = \"ball\"",
+            "name = \"ball\"\nmesh = { element_size = 0.4, samples = 1 }",
+        );
+        let edited = with_element_size(&inline, &scene);
+        assert_eq!(
+            Scene::parse(&edited, Path::new("ball.toml")).unwrap(),
+            scene
+        );
     }
 }

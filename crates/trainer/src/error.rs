@@ -216,6 +216,18 @@ pub enum TrainerError {
         /// Edge length of an element.
         element_size: f64,
     },
+    /// An accuracy that asks for a grid too fine to be used.
+    #[error(
+        "the accuracy asks for elements of {element_size} {unit}, about {elements:.0} of them: ask for less, or set `mesh.element_size` yourself"
+    )]
+    GridTooFine {
+        /// Edge length of an element.
+        element_size: f64,
+        /// Elements, about.
+        elements: f64,
+        /// Unit of the scene.
+        unit: String,
+    },
     /// A part of the loss that names no vertex.
     #[error("`loss.weights` number {number} {problem}")]
     LossPart {

@@ -29,6 +29,7 @@ pub mod focus;
 pub mod frames;
 mod generated;
 mod geometry;
+pub mod grid;
 pub mod hanging;
 mod inversion;
 pub mod loss;

@@ -9,6 +9,7 @@ use trainer::compare::{CompareRequest, compare, markdown};
 use trainer::dial::with_accuracy;
 use trainer::evaluate::{EvaluationRequest, evaluate, parse_weights};
 use trainer::fit::{DEFAULT_STEPS, FitRequest, FitSource, fit, fit_table};
+use trainer::grid;
 use trainer::performance::{CodePath, DEFAULT_FPS, PerformanceRequest, Source, perform, summary};
 use trainer::rig::Rig;
 use trainer::run::{Run, newest_folder, next_folder};
@@ -66,6 +67,9 @@ struct TrainArgs {
         conflicts_with = "resume"
     )]
     accuracy: Option<Length>,
+    /// Choose the size of the elements too, so that the grid alone is no farther off than the accuracy, in the mean over the surface.
+    #[arg(long, conflicts_with = "resume")]
+    fit_grid: bool,
 }
 
 #[derive(Args)]
@@ -330,6 +334,9 @@ fn run_train(args: &TrainArgs) -> trainer::Result<()> {
         let inputs = load_shapes(&scene, data)?;
         let rig = Rig::load(&scene, data)?;
         check(&scene, &args.scene, &inputs.shapes, &rig)?;
+        if args.fit_grid {
+            (scene, text) = grid::fitted(&args.scene, (scene, text), &inputs.shapes, &rig)?;
+        }
         let basis = inputs.choose_basis(&scene)?;
         if let Some(basis) = &basis {
             let summary = basis.summary(&scene.unit);

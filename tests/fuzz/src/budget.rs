@@ -10,8 +10,8 @@ use std::process::{Command, Stdio};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 
-use crate::Target;
 use crate::shrink::shrink;
+use crate::targets::{SLACK, Target, tenfold};
 use crate::watch::execute;
 
 /// Executions between two words of a worker.
@@ -47,6 +47,10 @@ pub struct Tally {
     pub kinds: usize,
     /// The longest execution, in microseconds.
     pub longest_us: u64,
+    /// Executions that held more than [`tenfold`], which the target allows.
+    pub above_tenfold: u64,
+    /// The most that was held beyond what any reader may, in bytes per thousand bytes of input.
+    pub most_per_mille: u64,
     /// Harmful inputs that were kept.
     pub harms: Vec<(String, PathBuf)>,
 }
@@ -77,6 +81,8 @@ pub fn spend(target: &Target, budget: &Budget) -> std::io::Result<Tally> {
         all.accepted += tally.accepted;
         all.kinds = all.kinds.max(tally.kinds);
         all.longest_us = all.longest_us.max(tally.longest_us);
+        all.above_tenfold += tally.above_tenfold;
+        all.most_per_mille = all.most_per_mille.max(tally.most_per_mille);
         for harm in tally.harms {
             if !all.harms.iter().any(|known| known.0 == harm.0) {
                 all.harms.push(harm);
@@ -145,6 +151,8 @@ fn worker(
                 tally.accepted = number();
                 tally.kinds = number() as usize;
                 tally.longest_us = number();
+                tally.above_tenfold = number();
+                tally.most_per_mille = number();
             }
             Some("harm") => {
                 let path = fields.next().unwrap_or_default().into();
@@ -222,8 +230,12 @@ fn stretch(
     let mut tally = Tally::default();
     let tell = |tally: &Tally, kinds: usize| {
         println!(
-            "at\t{}\t{}\t{kinds}\t{}",
-            tally.executions, tally.accepted, tally.longest_us
+            "at\t{}\t{}\t{kinds}\t{}\t{}\t{}",
+            tally.executions,
+            tally.accepted,
+            tally.longest_us,
+            tally.above_tenfold,
+            tally.most_per_mille
         );
     };
     for index in range {
@@ -236,6 +248,9 @@ fn stretch(
         began.store(0, Ordering::SeqCst);
         tally.executions += 1;
         tally.longest_us = tally.longest_us.max(executed.time.as_micros() as u64);
+        tally.above_tenfold += u64::from(executed.peak > tenfold(&input));
+        let held = executed.peak.saturating_sub(SLACK) * 1000 / input.len().max(1);
+        tally.most_per_mille = tally.most_per_mille.max(held as u64);
         match executed.result {
             Ok(outcome) => {
                 tally.accepted += u64::from(outcome.accepted);

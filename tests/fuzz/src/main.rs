@@ -96,7 +96,9 @@ fn run(cli: &Cli) -> Result<bool, String> {
         work(target, &budget, from..to, cli.keep.as_deref()).map_err(failed)?;
         return Ok(true);
     }
-    println!("reader        executions   accepted  outcomes  longest ms   per s  harm");
+    println!(
+        "reader        executions   accepted  outcomes  longest ms   per s  most held  above tenfold  harm"
+    );
     let mut total = 0;
     let mut harmless = true;
     for target in chosen {
@@ -144,13 +146,15 @@ fn replay(target: &Target, input: &[u8]) -> bool {
 
 fn tell(target: &Target, tally: &Tally, time: Duration) {
     println!(
-        "{:12} {:11} {:8.2} % {:9} {:11.1} {:7.0}  {}",
+        "{:12} {:11} {:8.2} % {:9} {:11.1} {:7.0} {:9.1}x {:12.3} %  {}",
         target.name,
         tally.executions,
         100.0 * tally.accepted as f64 / tally.executions.max(1) as f64,
         tally.kinds,
         tally.longest_us as f64 / 1e3,
         tally.executions as f64 / time.as_secs_f64(),
+        tally.most_per_mille as f64 / 1e3,
+        100.0 * tally.above_tenfold as f64 / tally.executions.max(1) as f64,
         tally.harms.len(),
     );
     for (harm, path) in &tally.harms {
