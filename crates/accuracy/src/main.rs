@@ -48,7 +48,7 @@ enum Command {
     /// Train with equilibria, adjoints and points loosened by factors of ten: loss against seconds, and how wrong gradients become.
     Training(TrainingArgs),
     /// One network on every grid: a field on grids that it was not trained on, with and without a branch that knows the spacing.
-    Transfer(TrainingArgs),
+    Transfer(TransferArgs),
 }
 
 #[derive(Args)]
@@ -59,15 +59,27 @@ struct TrainingArgs {
     /// Folder that the scene's files are relative to (that of the scene file unless given).
     #[arg(long, value_name = "DIR")]
     data: Option<PathBuf>,
-    /// Shapes that are trained.
-    #[arg(long, value_name = "N", default_value_t = 6, value_parser = at_least_one)]
-    shapes: usize,
+    /// Shapes that are trained (6 unless given, all in a full transfer).
+    #[arg(long, value_name = "N", value_parser = at_least_one)]
+    shapes: Option<usize>,
     /// Passes over them (10, of a transfer 30 on one grid and 80 over twenty, unless given).
     #[arg(long, value_name = "N", value_parser = at_least_one)]
     passes: Option<usize>,
     /// Where to write (accuracy/NAME-training or -transfer unless given).
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
+}
+
+/// Shapes of a quick training.
+const SHAPES: usize = 6;
+
+#[derive(Args)]
+struct TransferArgs {
+    #[command(flatten)]
+    training: TrainingArgs,
+    /// The supplement's numbers of samples and all shapes: days on two cores. It may be stopped, and goes on by the same command.
+    #[arg(long)]
+    full: bool,
 }
 
 #[derive(Args)]
@@ -166,25 +178,29 @@ fn write_estimates(found: &Estimates, folder: &Path) -> Result<()> {
 }
 
 /// Folder, body and units of a study that trains.
-fn subject_of(args: &TrainingArgs, kind: &str) -> Result<(PathBuf, Subject, Units)> {
+fn subject_of(args: &TrainingArgs, kind: &str, shapes: usize) -> Result<(PathBuf, Subject, Units)> {
     let name = stem(&args.subject);
     let out = args.out.clone();
     let folder = out.unwrap_or_else(|| Path::new("accuracy").join(format!("{name}-{kind}")));
     let folder = create_folder(&folder)?;
     let data = args.data.as_deref();
-    let subject = open(&args.subject, data, &[Width::W64], args.shapes, &folder)?;
+    let shapes = args.shapes.unwrap_or(shapes);
+    let subject = open(&args.subject, data, &[Width::W64], shapes, &folder)?;
     let units = subject.units();
     Ok((folder, subject, units))
 }
 
-fn run_transfer(args: &TrainingArgs) -> Result<()> {
-    let (folder, subject, units) = subject_of(args, "transfer")?;
-    let mut plan = TransferPlan::quick();
-    if let Some(passes) = args.passes {
+fn run_transfer(args: &TransferArgs) -> Result<()> {
+    let (mut plan, shapes) = match args.full {
+        true => (TransferPlan::full(), usize::MAX),
+        false => (TransferPlan::quick(), SHAPES),
+    };
+    let (folder, subject, units) = subject_of(&args.training, "transfer", shapes)?;
+    if let Some(passes) = args.training.passes {
         plan.passes = passes;
         plan.conditioned_passes = passes;
     }
-    let found = transfer(&subject, plan, |what| {
+    let found = transfer(&subject, plan, &folder, |what| {
         eprintln!("{:>12} {what}", "transfer")
     })?;
     let text = transfer_table(&found, &units);
@@ -198,7 +214,7 @@ fn run_transfer(args: &TrainingArgs) -> Result<()> {
 }
 
 fn run_training(args: &TrainingArgs) -> Result<()> {
-    let (folder, subject, units) = subject_of(args, "training")?;
+    let (folder, subject, units) = subject_of(args, "training", SHAPES)?;
     let told = |course: &Course| {
         eprintln!("{:>12} {}", "trained", course.tightness.name);
     };

@@ -139,6 +139,28 @@ impl Subject {
         }
     }
 
+    /// Writes a run folder with another network of the scene, for `eval` and whatever else takes a trained run. One that was written before is
+    /// written again.
+    ///
+    /// # Errors
+    /// When the folder holds a run of another scene, or cannot be written.
+    pub fn write_run(&self, folder: &Path, net: &ActuationNet) -> Result<()> {
+        let run = match folder.join("scene.toml").exists() {
+            true => Run::open(folder)?,
+            false => {
+                let text = toml::to_string(&self.scene).expect("a scene is plain data");
+                Run::create(folder, &text, &self.inputs, &self.rig, None)?
+            }
+        };
+        if run.scene()? != self.scene {
+            return Err(AccuracyError::Folder {
+                path: folder.to_path_buf(),
+                problem: "holds a run of another scene: give another --out".into(),
+            });
+        }
+        Ok(net.save(run.model_path())?)
+    }
+
     /// Its lengths, to be told in.
     pub fn units(&self) -> Units {
         Units {
@@ -167,6 +189,12 @@ impl Subject {
             Ok((shape, self.shapes.descriptor(&shape.positions)?))
         });
         described.collect()
+    }
+
+    /// Names of the shapes studied.
+    pub fn names(&self) -> Vec<&str> {
+        let chosen = self.chosen.iter();
+        chosen.map(|&i| &self.shapes.all[i].name[..]).collect()
     }
 
     /// The field of a width; the widest where that is not there.

@@ -11,9 +11,11 @@ use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{RngCore, SeedableRng};
 use scene_shapes::actuation::uniform;
 use serde::Serialize;
+use std::path::{Path, PathBuf};
 use surface_mesh::vertex_normals;
 use trainer::actuator::{Actuator, Samples};
 use trainer::body::Body;
+use trainer::files::{create_folder, parse_json, read_json, write_json};
 use trainer::scene::Scene;
 use trainer::shapes::Shape;
 use trainer::simulator::Simulator;
@@ -39,6 +41,8 @@ pub struct TransferPlan {
     pub learning_rate: f64,
     /// Adam's rate in the one pass of transfer, whose few steps are long ones.
     pub one_pass_rate: f64,
+    /// Samples of the grid that the figure's 268 thousand stand for; those of the scene's grid unless given.
+    pub samples: Option<f64>,
 }
 
 impl TransferPlan {
@@ -52,7 +56,65 @@ impl TransferPlan {
             alone: 5,
             learning_rate: 1e-4,
             one_pass_rate: 2e-5,
+            samples: None,
         }
+    }
+
+    /// The supplement's own sample counts and passes: days on two cores.
+    pub fn full() -> Self {
+        Self {
+            conditioned_passes: 30,
+            samples: Some(1e3 * FIGURE[0].0),
+            ..Self::quick()
+        }
+    }
+}
+
+/// Networks that were trained before, by name: a transfer that was stopped goes on after the last of them.
+struct Kept {
+    folder: PathBuf,
+}
+
+impl Kept {
+    /// What is kept in `folder` for a subject and a plan.
+    fn open(folder: &Path, subject: &Subject, plan: &TransferPlan) -> Result<Self> {
+        let folder = folder.join("networks");
+        create_folder(&folder)?;
+        let path = folder.join("plan.json");
+        let own = serde_json::json!({
+            "plan": plan,
+            "scene": subject.scene,
+            "diagonal": subject.diagonal,
+            "shapes": subject.names(),
+        });
+        // Through text, as that of the file: numbers may lose their last digit there.
+        let own: serde_json::Value = parse_json(&own.to_string(), &path)?;
+        match path.exists() {
+            true if read_json::<serde_json::Value>(&path)? != own => Err(AccuracyError::Folder {
+                path,
+                problem: "is of another transfer: give another --out, or remove the folder".into(),
+            }),
+            true => Ok(Self { folder }),
+            false => {
+                write_json(&path, &own)?;
+                Ok(Self { folder })
+            }
+        }
+    }
+
+    /// The network of this name; trained and kept where it is not there.
+    fn network(
+        &self,
+        name: &str,
+        train: impl FnOnce() -> Result<ActuationNet>,
+    ) -> Result<ActuationNet> {
+        let path = self.folder.join(format!("{name}.safetensors"));
+        if path.exists() {
+            return Ok(ActuationNet::load(&path)?);
+        }
+        let net = train()?;
+        net.save(&path)?;
+        Ok(net)
     }
 }
 
@@ -160,15 +222,17 @@ struct Case<'a> {
     shapes: Vec<&'a Shape>,
     descriptors: Vec<Vec<f32>>,
     plan: TransferPlan,
+    kept: Kept,
 }
 
-/// Does everything, with the element size of the subject's scene for the figure's 268 thousand samples; `told` hears of each step.
+/// Does everything, `told` hears of each step. Networks are kept in `folder`, and so is a run with the one that knows the spacing.
 ///
 /// # Errors
-/// When a grid does not fit the body, or something cannot be simulated.
+/// When a grid does not fit the body, something cannot be simulated, or the folder holds another transfer.
 pub fn transfer(
     subject: &Subject,
     plan: TransferPlan,
+    folder: &Path,
     mut told: impl FnMut(&str),
 ) -> Result<Transfer> {
     let described = subject.shapes()?;
@@ -176,9 +240,17 @@ pub fn transfer(
         subject,
         shapes: described.iter().map(|s| s.0).collect(),
         descriptors: described.iter().map(|s| s.1.clone()).collect(),
+        kept: Kept::open(folder, subject, &plan)?,
         plan,
     };
-    let base = subject.scene.mesh.element_size;
+    let scenes = subject.scene.mesh.element_size;
+    let base = match case.plan.samples {
+        None => scenes,
+        Some(samples) => {
+            let count = Grid::new(subject, scenes, &case.plan, 0)?.samples();
+            scenes * (count as f64 / samples).cbrt()
+        }
+    };
     let start = &subject.fields[0].net;
     let finest = FIGURE[0].0;
     let size = |samples: f64| base * (finest / samples).cbrt();
@@ -186,7 +258,9 @@ pub fn transfer(
 
     told("the network of the finest grid");
     let fine = grid(finest, case.plan.passes)?;
-    let of_finest = case.trained(start, std::slice::from_ref(&fine))?;
+    let of_finest = case.kept.network("finest", || {
+        case.trained(start, std::slice::from_ref(&fine))
+    })?;
     let coarse = grid(FIGURE[0].1, case.plan.passes)?;
     let range = ResolutionRange {
         coarse: coarse.body.samples.spacing,
@@ -196,12 +270,15 @@ pub fn transfer(
     let mut random = ChaCha8Rng::seed_from_u64(subject.scene.seed ^ 0x7e57);
     let mut between = || FIGURE[0].1 + (finest - FIGURE[0].1) * uniform(&mut random);
     let passes = case.plan.conditioned_passes;
-    let grids = (0..case.plan.grids).map(|_| grid(between(), passes));
-    let grids = grids.collect::<Result<Vec<_>>>()?;
+    let counts: Vec<f64> = (0..case.plan.grids).map(|_| between()).collect();
     told("the network that knows the spacing");
-    let conditioned = of_finest.with_resolution(range, subject.scene.seed)?;
-    let conditioned = case.trained(&conditioned, &grids)?;
-    drop(grids);
+    let conditioned = case.kept.network("conditioned", || {
+        let grids = counts.iter().map(|&count| grid(count, passes));
+        let grids = grids.collect::<Result<Vec<_>>>()?;
+        let untrained = of_finest.with_resolution(range, subject.scene.seed)?;
+        case.trained(&untrained, &grids)
+    })?;
+    subject.write_run(&folder.join("conditioned"), &conditioned)?;
 
     let mut directions = Vec::new();
     for (from, to) in FIGURE {
@@ -210,9 +287,12 @@ pub fn transfer(
         one_pass.scene.stage2.learning_rate = case.plan.one_pass_rate;
         let own = match from == finest {
             true => of_finest.clone(),
-            false => case.trained(start, std::slice::from_ref(&source))?,
+            false => case.kept.network(&format!("own-{from}"), || {
+                case.trained(start, std::slice::from_ref(&source))
+            })?,
         };
-        directions.push(case.direction(&own, &conditioned, &source, &one_pass)?);
+        let name = format!("transferred-{from}-{to}");
+        directions.push(case.direction(&name, &own, &conditioned, &source, &one_pass)?);
     }
     let mut tests = Vec::new();
     let mut counts: Vec<f64> = (0..case.plan.tests).map(|_| between()).collect();
@@ -224,7 +304,10 @@ pub fn transfer(
         let alone = match i % alone_every == alone_every / 2 {
             false => None,
             true => {
-                let own = case.trained(start, std::slice::from_ref(&place))?;
+                let name = format!("alone-{}", i + 1);
+                let own = case
+                    .kept
+                    .network(&name, || case.trained(start, std::slice::from_ref(&place)))?;
                 Some(
                     case.simulated(&place, |d, grid| evaluated(&own, d, grid))?
                         .0,
@@ -317,14 +400,18 @@ impl Case<'_> {
         Ok((all, surfaces))
     }
 
+    /// The ways from one grid to another; `name` is that of the network that one pass of transfer trains.
     fn direction(
         &self,
+        name: &str,
         own: &ActuationNet,
         conditioned: &ActuationNet,
         source: &Grid,
         target: &Grid,
     ) -> Result<Direction> {
-        let retrained = self.trained(own, std::slice::from_ref(target))?;
+        let retrained = self
+            .kept
+            .network(name, || self.trained(own, std::slice::from_ref(target)))?;
         let way = |name, found: (Errors, Vec<Vec<Vector3<f64>>>)| Way {
             name,
             errors: found.0,

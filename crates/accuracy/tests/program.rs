@@ -3,6 +3,8 @@
 use serde_json::Value;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
+use trainer::run::Run;
+use trainer::trained::{Changes, Trained};
 
 const SCENE: &str = r#"
 name = "small"
@@ -200,5 +202,47 @@ fn loosened_trainings_are_set_side_by_side() {
                 .join(format!("training-{kind}.png"))
                 .exists()
         );
+    }
+}
+
+#[test]
+fn a_transfer_goes_on_after_its_last_network_and_leaves_a_run() {
+    let place = Place::new();
+    let line = "transfer small.toml --shapes 1 --passes 1 --out out";
+    place.succeeds(line);
+    let out = place.path("out");
+    let found = std::fs::read(out.join("transfer.json")).unwrap();
+    let networks = out.join("networks");
+    // The finest and the conditioned, one of the other grid, two transferred, five alone.
+    let kept = std::fs::read_dir(&networks).unwrap().flatten();
+    let kept = kept.filter(|f| f.path().extension().is_some_and(|e| e == "safetensors"));
+    assert_eq!(kept.count(), 10);
+    // As if it had been stopped there.
+    for last in ["alone-23", "transferred-89-502"] {
+        std::fs::remove_file(networks.join(format!("{last}.safetensors"))).unwrap();
+    }
+    let finest = networks.join("finest.safetensors");
+    let trained = std::fs::metadata(&finest).unwrap().modified().unwrap();
+    place.succeeds(line);
+    assert_eq!(std::fs::read(out.join("transfer.json")).unwrap(), found);
+    assert_eq!(
+        std::fs::metadata(&finest).unwrap().modified().unwrap(),
+        trained
+    );
+    place.refuses(
+        "transfer small.toml --shapes 1 --passes 2 --out out",
+        &["plan.json", "another transfer", "--out"],
+    );
+
+    // The network that knows the spacing is a run like any other, on any grid.
+    let run = Run::open(&out.join("conditioned")).unwrap();
+    for size in [0.12, 0.1] {
+        let changes = Changes {
+            element_size: Some(size),
+            ..Changes::default()
+        };
+        let trained = Trained::load(&run, &changes).unwrap();
+        assert!(trained.net.config().resolution.is_some());
+        assert_eq!(trained.body.mesh.element_size(), size);
     }
 }

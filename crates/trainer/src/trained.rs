@@ -7,7 +7,7 @@ use crate::run::Run;
 use crate::scene::Scene;
 use crate::shapes::Shapes;
 use crate::units::Length;
-use actuation_net::ActuationNet;
+use actuation_net::{ActuationNet, TensorFile};
 use std::path::PathBuf;
 use surface_mesh::MorphedSurface;
 
@@ -65,7 +65,7 @@ impl Trained {
         rig.props = rig.props.with(added)?;
         let body = Body::of_scene(&scene, surface, &rig, element_size)?;
         let shapes = Shapes::new(&scene, &inputs, rig.jaw.as_ref(), &body.vertex_weights)?;
-        let config = crate::train::network_config(&scene, &shapes);
+        let mut config = crate::train::network_config(&scene, &shapes);
         if !run.model_path().exists() {
             return Err(TrainerError::Run {
                 path: run.folder().to_path_buf(),
@@ -74,7 +74,11 @@ impl Trained {
                         .into(),
             });
         }
-        let net = ActuationNet::load_with(run.model_path(), &config)?;
+        let file = TensorFile::read(run.model_path())?;
+        // The one setting that no scene has: whether the network knows the spacing of its grid.
+        let stored = ActuationNet::from_file(&file, "");
+        config.resolution = stored.ok().and_then(|net| net.config().resolution);
+        let net = ActuationNet::from_file_with(&file, "", &config)?;
         Ok(Self {
             scene,
             inputs,
