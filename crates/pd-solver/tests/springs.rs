@@ -110,3 +110,33 @@ fn loads_between_nodes_are_slopes_of_their_energies() {
         );
     }
 }
+
+/// Vertices of which no three are the corners of a triangle have no area: a force on them is shared alike.
+#[test]
+fn a_force_on_single_vertices_is_shared_alike() {
+    let mesh = common::small_box(Quadrature::Eight);
+    let wall = nodes_where(&mesh, |x| x.x == 0.0);
+    let force = Vector3::new(0.3, -0.2, 0.5);
+    // The edge from (1, 0, 0) to (1, 0.75, 0): four nodes in a row.
+    let edge = nodes_where(&mesh, |x| x.x == 1.0 && x.z == 0.0);
+    let load = EffectSpec::Force {
+        region: Some(NodeRegion::Box {
+            min: [0.99, -0.01, -0.01],
+            max: [1.01, 0.76, 0.01],
+        }),
+        force: force.into(),
+    };
+    let effects = [elasticity(), held(wall), load];
+    let surface = EmbeddedSurface::boundary(&mesh);
+    let mut solver = Solver::on_surface(&mesh, &surface, &effects).unwrap();
+    let parameters = solver.rest_parameters();
+    let (_, gradient) = solver.energy_gradient(&parameters, mesh.nodes()).unwrap();
+    for (node, g) in gradient.iter().enumerate() {
+        let share = if edge.contains(&(node as u32)) {
+            0.25
+        } else {
+            0.0
+        };
+        assert!((g + force * share).norm() < 1e-14, "{node} {g}");
+    }
+}
