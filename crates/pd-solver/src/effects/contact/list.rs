@@ -128,3 +128,6 @@ fn comes_within(
     let distance = distance + longest(one) + longest(other);
     !boxes_apart(kind, &at, distance) && squared_distance(kind, &at) < distance * distance
 }
+
+#[cfg(test)]
+mod tests;

@@ -222,3 +222,6 @@ fn welded(x: &[Vector3<f64>]) -> Vec<u32> {
         .map(|(x, i)| *first.entry(key(x)).or_insert(i))
         .collect()
 }
+
+#[cfg(test)]
+mod tests;

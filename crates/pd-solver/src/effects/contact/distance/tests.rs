@@ -148,3 +148,18 @@ fn flat_things_have_distances_too() {
     ];
     assert_eq!(squared(Kind::EdgeEdge, &parallel), 9.0);
 }
+
+/// Shares of the nearest points sum to one on the first thing and to minus one on the second: the vector leads from the second to the first.
+#[test]
+fn nearest_points_are_means_of_corners() {
+    for kind in [Kind::VertexTriangle, Kind::EdgeEdge] {
+        for x in places(kind) {
+            let nearest = Nearest::of(kind, &x);
+            let (one, other) = nearest.beta.split_at(kind.first());
+            assert!((one.iter().sum::<f64>() - 1.0).abs() < 1e-13, "{one:?}");
+            assert!((other.iter().sum::<f64>() + 1.0).abs() < 1e-13, "{other:?}");
+            assert!(one.iter().all(|b| *b >= 0.0) && other.iter().all(|b| *b <= 0.0));
+            assert!((combine(&x, &nearest.beta) - nearest.q).norm() < 1e-10);
+        }
+    }
+}
