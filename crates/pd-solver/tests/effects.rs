@@ -307,6 +307,28 @@ fn senseless_effects_are_refused_with_their_place() {
             "effect 2: `stiffness` is -2",
         ),
         (
+            EffectSpec::Gravity {
+                acceleration: [0.0, f64::NAN, 0.0],
+                density: 1.0,
+            },
+            "effect 2: `acceleration` is NaN",
+        ),
+        (
+            EffectSpec::Wind {
+                region: None,
+                pressure: [0.0, 0.0, f64::INFINITY],
+            },
+            "effect 2: `pressure` is inf",
+        ),
+        (
+            EffectSpec::Pressure {
+                region: None,
+                capped: false,
+                pressure: f64::NEG_INFINITY,
+            },
+            "effect 2: `pressure` is -inf",
+        ),
+        (
             EffectSpec::Stiffness {
                 elements: elements.clone(),
                 factor: 0.0,
