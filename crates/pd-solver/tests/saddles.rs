@@ -90,7 +90,8 @@ fn a_column_that_is_pressed_together_buckles_by_every_method() {
     ] {
         let bent = column.solve(&options(method).leaving_saddles());
         assert_eq!(bent.stats.negative_curvature, Some(false), "{method:?}");
-        assert!(bent.stats.iterations > 0);
+        // Those before and after the saddle, which the limit is for.
+        assert!((1..=20_000).contains(&bent.stats.iterations));
         let deflection = column.deflection(&bent);
         assert!(deflection > 0.1, "{method:?} {deflection}");
         assert!(
@@ -103,6 +104,34 @@ fn a_column_that_is_pressed_together_buckles_by_every_method() {
             "{method:?}"
         );
         assert_eq!(column.adjoint_status(&bent), AdjointStatus::Converged);
+    }
+}
+
+/// The limit is for all steps together, and what is told is their number: as many are enough, and one less is not.
+#[test]
+fn steps_before_and_after_a_saddle_are_counted() {
+    let mut column = Column::new(vec![]);
+    // Symmetric, so that the first equilibrium that is met is the straight one.
+    for x in &mut column.straight {
+        *x += Vector3::new(0.02 * (x.x * (0.96 - x.x)), 0.0, 0.0);
+    }
+    for method in [Method::Newton, Method::Anderson] {
+        let ask = options(method).leaving_saddles();
+        let whole = column.solve(&ask);
+        assert!(column.deflection(&whole) > 0.1);
+        let mut limited = |max_iterations| {
+            let options = SolveOptions {
+                max_iterations,
+                ..ask
+            };
+            let start = Some(&column.straight[..]);
+            column.solver.solve(&column.parameters, start, &options)
+        };
+        let enough = limited(whole.stats.iterations).unwrap();
+        assert_eq!(enough.status, Status::Converged, "{method:?}");
+        assert_eq!(enough.positions, whole.positions, "{method:?}");
+        let short = limited(whole.stats.iterations - 1).unwrap();
+        assert_eq!(short.status, Status::IterationLimit, "{method:?}");
     }
 }
 
