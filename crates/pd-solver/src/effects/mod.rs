@@ -10,6 +10,8 @@ mod mean_strain;
 mod points;
 mod pressure;
 pub(crate) mod springs;
+#[cfg(test)]
+mod tests;
 mod volume;
 
 use crate::constant::ConstantMatrix;

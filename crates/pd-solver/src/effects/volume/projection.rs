@@ -223,4 +223,17 @@ mod tests {
             assert!(error < 1e-7 * df.norm(), "{f} {error}");
         }
     }
+
+    /// Whatever the size of both: the bound on what is divided by is relative.
+    #[test]
+    fn quotients_are_plain_until_the_divisor_is_lost_in_roundoff() {
+        for size in [1e-200, 1e-12, 1.0, 1e12, 1e200] {
+            for ratio in [1e-9, -0.7, 3.0, -1e9] {
+                let found = quotient(size, size * ratio) * ratio;
+                assert!((found - 1.0).abs() < 1e-14, "{size} {ratio}");
+            }
+            assert!(quotient(size, 0.0).is_finite() && quotient(size, -0.0) < 0.0);
+        }
+        assert_eq!(quotient(0.0, 0.0), 0.0);
+    }
 }
