@@ -53,3 +53,26 @@ fn what_does_not_move_against_each_other_is_free() {
         assert_eq!(free_share(kind, &x, &p, 1.0), 1.0);
     }
 }
+
+/// Only how things move against each other counts, not where they go together.
+#[test]
+fn a_motion_as_a_whole_changes_no_share() {
+    let mut numbers = Numbers(41);
+    let whole = nalgebra::Vector3::new(50.0, -30.0, 20.0);
+    let mut limited = 0;
+    for case in 0..60 {
+        let kind = [Kind::VertexTriangle, Kind::EdgeEdge][case % 2];
+        let x = numbers.quad();
+        let mut p = numbers.quad();
+        let q = Nearest::of(kind, &x).q;
+        p[..kind.first()].iter_mut().for_each(|p| *p -= q * 3.0);
+        let share = free_share(kind, &x, &p, 1.0);
+        limited += usize::from(share < 1.0);
+        let carried = free_share(kind, &x, &p.map(|p| p + whole), 1.0);
+        assert!(
+            (share - carried).abs() < 1e-6,
+            "{kind:?}: {share} {carried}"
+        );
+    }
+    assert!(limited > 20, "{limited}");
+}

@@ -105,3 +105,17 @@ fn triangles_without_area_count_for_little() {
     assert!((t.strength(1) / (STIFFNESS * 2.0) - 1.0).abs() < 1e-12);
     assert_eq!(t.pair(Near::VertexTriangle(9, 0)), None);
 }
+
+/// An edge without length counts as one whose square is a thousandth of the area that the pair stands for.
+#[test]
+fn an_edge_without_length_is_not_parallel_to_everything() {
+    let mut rest = stack(0.5).rest;
+    rest[5] = rest[3];
+    let t = Topology::new(rest, 9, vec![[0, 1, 2], [3, 4, 5]], 2, (0.5, STIFFNESS));
+    let near = Near::EdgeEdge(edge(&t, [0, 1]), edge(&t, [3, 5]));
+    // Of the triangle without area, a thousandth of the mean of 3, a third.
+    let area = 1e-3;
+    let expected = 1e-3 * 9.0 * (1e-3 * area);
+    let found = t.pair(near).unwrap().barrier.parallel;
+    assert!((found / expected - 1.0).abs() < 1e-12, "{found}");
+}
