@@ -344,3 +344,31 @@ fn the_stiffness_against_changes_of_volume_is_that_of_the_energy() {
     );
     assert!([0, 2, 3].iter().all(|&k| told[k] == 0.0), "{told:?}");
 }
+
+/// What preconditioners are told of springs and masses is all of their Hessian; elasticity and volume they know by themselves.
+#[test]
+fn forms_are_the_hessian_of_what_is_not_elastic() {
+    let mesh = body();
+    let mut specs = of_one_weight(&mesh);
+    specs.extend(carried_down(&mesh).swap_remove(3).1);
+    let mut batches = build(&mesh, None, &specs).unwrap();
+    let mut random = Random::new(5);
+    let nodes = mesh.nodes().iter();
+    let x: NodalVector = nodes.map(|_| random.matrix().column(0).into()).collect();
+    for (k, effect) in batches.effects.iter_mut().enumerate() {
+        let mut told = 0.0;
+        effect.for_each_form(&mut |nodes, weights, stiffness| {
+            let terms = nodes.iter().zip(weights);
+            let form: Vector3<f64> = terms.map(|(&n, w)| x[n as usize] * *w).sum();
+            told += stiffness * form.norm_squared();
+        });
+        let mut out = zeros(x.len());
+        effect.linearise(mesh.nodes());
+        effect.hessian_product(&x, &mut out);
+        let hessian = dot(&x, &out);
+        match k {
+            0 | 1 => assert_eq!(told, 0.0),
+            _ => assert!((told / hessian - 1.0).abs() < 1e-12, "{told} {hessian}"),
+        }
+    }
+}
