@@ -76,3 +76,30 @@ fn a_motion_as_a_whole_changes_no_share() {
     }
     assert!(limited > 20, "{limited}");
 }
+
+/// In whatever order pairs are seen, and however much one of them spares the others.
+#[test]
+fn the_least_share_is_that_of_the_pair_that_has_it() {
+    let mut numbers = Numbers(5);
+    let draw = |case: usize| {
+        let kind = [Kind::VertexTriangle, Kind::EdgeEdge][case % 2];
+        let (x, mut p) = (numbers.quad(), numbers.quad());
+        let q = Nearest::of(kind, &x).q;
+        p[..kind.first()].iter_mut().for_each(|p| *p -= q * 3.0);
+        (kind, x, p)
+    };
+    let pairs: Vec<(Kind, Quad, Quad)> = (0..40).map(draw).collect();
+    let shares = pairs
+        .iter()
+        .map(|(kind, x, p)| free_share(*kind, x, p, 1.0));
+    let smallest = shares.fold(1.0, f64::min);
+    assert!(smallest > 0.0 && smallest < 0.9);
+    let see = |least: &Least, pair: &(Kind, Quad, Quad)| least.see(pair.0, &pair.1, &pair.2);
+    let (forward, backward) = (Least::new(1.0), Least::new(1.0));
+    pairs.iter().for_each(|pair| see(&forward, pair));
+    pairs.iter().rev().for_each(|pair| see(&backward, pair));
+    assert_eq!([forward.share(), backward.share()], [smallest; 2]);
+    let limited = Least::new(0.5 * smallest);
+    pairs.iter().for_each(|pair| see(&limited, pair));
+    assert_eq!(limited.share(), 0.5 * smallest);
+}

@@ -1,5 +1,6 @@
 //! For which positions a list serves, and what may come near on a way.
 
+use super::super::distance::Nearest;
 use super::super::distance::tests::{Numbers, shifted};
 use super::*;
 
