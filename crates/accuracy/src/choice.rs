@@ -1,7 +1,7 @@
 //! The knobs: what a user may choose, and what comes of it.
 
 use crate::error::{AccuracyError, Result};
-use crate::subject::{Subject, mean_distance};
+use crate::subject::Subject;
 use actuation_net::Width;
 use nalgebra::Vector3;
 use pd_solver::{Method, SolveOptions, Status, Stop};
@@ -9,6 +9,7 @@ use serde::{Deserialize, Serialize};
 use std::time::Instant;
 use trainer::actuator::{Actuator, Samples};
 use trainer::loss::Loss;
+use trainer::loss::mean_distance;
 use trainer::scene::{ActuationPer, Scene};
 use trainer::simulator::Simulator;
 

@@ -3,7 +3,6 @@
 use crate::error::{AccuracyError, Result};
 use crate::table::Units;
 use actuation_net::{ActuationNet, Width};
-use nalgebra::Vector3;
 use std::path::Path;
 use surface_mesh::MorphedSurface;
 use trainer::body::Body;
@@ -202,10 +201,4 @@ impl Subject {
         let own = self.fields.iter().find(|f| f.width == width);
         own.unwrap_or_else(|| self.fields.last().expect("at least one field"))
     }
-}
-
-/// Mean over the vertices that count, by what they count.
-pub fn mean_distance(a: &[Vector3<f64>], b: &[Vector3<f64>], weights: &[f64]) -> f64 {
-    let distances = a.iter().zip(b).map(|(a, b)| (a - b).norm());
-    distances.zip(weights).map(|(d, w)| d * w).sum()
 }

@@ -6,6 +6,7 @@
 use crate::body::Body;
 use crate::dial::with_element_size;
 use crate::error::{Result, TrainerError};
+use crate::loss::mean_distance;
 use crate::progress::note;
 use crate::rig::Rig;
 use crate::scene::Scene;
@@ -106,7 +107,8 @@ pub fn fit_element_size(
             Err(error) => return Err(error),
         };
         let count = here.body.mesh.elements().len();
-        let moved = before.map(|before| mean(&here.body, &before.surface, &here.surface));
+        let moved = before
+            .map(|before| mean_distance(&before.surface, &here.surface, &here.body.vertex_weights));
         tried.push(Tried {
             element_size,
             elements: count,
@@ -181,9 +183,9 @@ fn extrapolate(tried: &[Tried], accuracy: f64, [low, high]: [f64; 2]) -> FittedG
 /// Down to three digits.
 fn three_digits(x: f64) -> f64 {
     let digits = 10.0_f64.powf(2.0 - x.log10().floor());
-    // Through text, so that it is written as short as it is.
-    let rounded = format!("{:e}", (x * digits).floor() / digits);
-    let short: f64 = rounded.parse().expect("a number");
+    let floored = (x * digits).floor() / digits;
+    // Through text: the number that is written by three digits.
+    let short: f64 = format!("{floored:.2e}").parse().expect("a number");
     short.max(f64::MIN_POSITIVE)
 }
 
@@ -214,7 +216,7 @@ impl OnGrid {
             Some(amplitude) => amplitude,
             None => {
                 let surface = deformed(&body, scene, FIRST_AMPLITUDE, accuracy)?;
-                let moved = mean(&body, &surface, body.surface.vertices());
+                let moved = mean_distance(&surface, body.surface.vertices(), &body.vertex_weights);
                 let share = largest(&body, &inputs.targets) / moved.max(f64::MIN_POSITIVE);
                 let [least, most] = AMPLITUDES;
                 (FIRST_AMPLITUDE * share).clamp(least, most)
@@ -246,13 +248,6 @@ fn deformed(
     let mut simulator = Simulator::new(body, scene)?;
     let found = simulator.equilibrium(&answer, None, &options)?;
     Ok(body.surface_positions(&found.solution.positions))
-}
-
-/// Mean distance over the surface, by what vertices count.
-fn mean(body: &Body, a: &[Vector3<f64>], b: &[Vector3<f64>]) -> f64 {
-    let distances = a.iter().zip(b).map(|(a, b)| (a - b).norm());
-    let weighted = distances.zip(&body.vertex_weights).map(|(d, w)| d * w);
-    weighted.sum()
 }
 
 /// How far the shape moves the surface that moves it most.

@@ -185,6 +185,12 @@ pub fn distances(a: &[Vector3<f64>], b: &[Vector3<f64>]) -> (f64, f64, Vec<f64>)
     (mean, max, all)
 }
 
+/// Mean over the vertices that count, by what they count; weights sum to 1.
+pub fn mean_distance(a: &[Vector3<f64>], b: &[Vector3<f64>], weights: &[f64]) -> f64 {
+    let distances = a.iter().zip(b).map(|(a, b)| (a - b).norm());
+    distances.zip(weights).map(|(d, w)| d * w).sum()
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

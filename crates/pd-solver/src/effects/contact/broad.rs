@@ -2,7 +2,7 @@
 
 use super::distance::{Kind, squared_distance};
 use super::topology::Topology;
-use super::tree::{Fitted, Motion, Tree};
+use super::tree::{Fitted, Motion, Moving, Tree};
 use nalgebra::Vector3;
 use rayon::prelude::*;
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -48,17 +48,28 @@ impl<'a> Search<'a> {
         tree.fit(&self.topology.edges, &self.motion)
     }
 
+    /// The box around the way of a vertex, grown by the reach.
+    fn vertex(&self, vertex: u32) -> Moving {
+        self.motion.around(&[vertex], self.reach)
+    }
+
+    /// The box around the way of an edge, grown by the reach.
+    fn edge(&self, edge: u32) -> Moving {
+        let ends = &self.topology.edges[edge as usize];
+        self.motion.around(ends, self.reach)
+    }
+
     /// Appends what `keep` makes of all pairs of a part and what is in a tree from the part's place on, parts first to last.
     fn run<P: Send>(
         &self,
         parts: impl IndexedParallelIterator<Item = (usize, u32)>,
-        points: impl Fn(u32) -> &'a [u32] + Sync,
+        around: impl Fn(&Self, u32) -> Moving + Sync,
         tree: &Fitted,
         keep: impl Fn(u32, u32) -> Option<P> + Sync,
         out: &mut Vec<P>,
     ) {
         let of = |(place, part): (usize, u32)| {
-            let around = self.motion.around(points(part), self.reach);
+            let around = around(self, part);
             let mut near = Vec::new();
             if self.found.load(Ordering::Relaxed) <= self.limit {
                 let mut count = 0;
@@ -92,33 +103,30 @@ pub(super) fn near<P: Send>(
     let t = topology;
     let search = Search::new(t, motion, reach, limit);
     let mut out = Vec::new();
-    let numbers: Vec<u32> = (0..t.rest.len() as u32).collect();
-    let vertex = |v: u32| &numbers[v as usize..=v as usize];
-    let edge = |e: u32| &t.edges[e as usize][..];
     let touched = |v: u32, triangle: u32| keep(Near::VertexTriangle(v, triangle));
     let crossed = |e: u32, f: u32| keep(Near::EdgeEdge(e.min(f), e.max(f)));
     let triangles = search.triangles(&t.trees.own_triangles);
     let (own_points, obstacle_points) = (0..t.own_points, t.own_points..t.rest.len());
     if own {
         let parts = everywhere(own_points.clone());
-        search.run(parts, vertex, &triangles, touched, &mut out);
+        search.run(parts, Search::vertex, &triangles, touched, &mut out);
     }
     if t.has_obstacles() {
         let obstacles = search.triangles(&t.trees.obstacle_triangles);
         let parts = everywhere(own_points);
-        search.run(parts, vertex, &obstacles, touched, &mut out);
+        search.run(parts, Search::vertex, &obstacles, touched, &mut out);
         let parts = everywhere(obstacle_points);
-        search.run(parts, vertex, &triangles, touched, &mut out);
+        search.run(parts, Search::vertex, &triangles, touched, &mut out);
         let obstacles = search.edges(&t.trees.obstacle_edges);
         let parts = everywhere(0..t.own_edges);
-        search.run(parts, edge, &obstacles, crossed, &mut out);
+        search.run(parts, Search::edge, &obstacles, crossed, &mut out);
     }
     if own {
         let edges = &t.trees.own_edges;
         // Each two once: from the place of the one that comes first in the tree.
         let leaves = edges.leaves();
         let parts = leaves.par_iter().map(|&(place, e)| (place + 1, e));
-        search.run(parts, edge, &search.edges(edges), crossed, &mut out);
+        search.run(parts, Search::edge, &search.edges(edges), crossed, &mut out);
     }
     (search.found.into_inner() <= limit).then_some(out)
 }
@@ -127,7 +135,6 @@ pub(super) fn near<P: Send>(
 pub(super) fn piercings(topology: &Topology, x: &[Vector3<f64>], own: bool) -> Vec<(u32, u32)> {
     let t = topology;
     let search = Search::new(t, Motion::at(x), 0.0, usize::MAX);
-    let edge = |e: u32| &t.edges[e as usize][..];
     let pierces = |e: u32, triangle: u32| {
         let (ends, corners) = (t.edges[e as usize], t.triangles[triangle as usize]);
         let [p, q] = ends.map(|p| x[p as usize]);
@@ -139,13 +146,19 @@ pub(super) fn piercings(topology: &Topology, x: &[Vector3<f64>], own: bool) -> V
     let own_edges = 0..t.own_edges;
     if own {
         let parts = everywhere(own_edges.clone());
-        search.run(parts, edge, &triangles, pierces, &mut out);
+        search.run(parts, Search::edge, &triangles, pierces, &mut out);
     }
     if t.has_obstacles() {
         let parts = everywhere(t.own_edges..t.edges.len());
-        search.run(parts, edge, &triangles, pierces, &mut out);
+        search.run(parts, Search::edge, &triangles, pierces, &mut out);
         let obstacles = search.triangles(&t.trees.obstacle_triangles);
-        search.run(everywhere(own_edges), edge, &obstacles, pierces, &mut out);
+        search.run(
+            everywhere(own_edges),
+            Search::edge,
+            &obstacles,
+            pierces,
+            &mut out,
+        );
     }
     out
 }

@@ -1,10 +1,10 @@
 use super::super::distance::Nearest;
-use super::super::distance::tests::{Numbers, shifted};
+use super::super::distance::tests::{Numbers, distance_at};
 use super::*;
 
 /// The first of many times at which a pair is nearer than a share of its distance at the start.
 fn sampled(kind: Kind, x: &Quad, p: &Quad, kept: f64) -> Option<f64> {
-    let distance = |t: f64| Nearest::of(kind, &shifted(x, t, p)).squared().sqrt();
+    let distance = |t: f64| distance_at(kind, x, t, p);
     let start = distance(0.0);
     let times = (0..=20_000).map(|i| f64::from(i) / 20_000.0);
     times.into_iter().find(|&t| distance(t) < kept * start)

@@ -21,6 +21,11 @@ pub(crate) fn shifted(x: &Quad, t: f64, d: &Quad) -> Quad {
     std::array::from_fn(|i| x[i] + d[i] * t)
 }
 
+/// The distance of a pair once it has moved by `t` times `d`.
+pub(crate) fn distance_at(kind: Kind, x: &Quad, t: f64, d: &Quad) -> f64 {
+    Nearest::of(kind, &shifted(x, t, d)).squared().sqrt()
+}
+
 pub(crate) fn flat(x: &Quad) -> Gradient {
     Gradient::from_fn(|i, _| x[i / 3][i % 3])
 }

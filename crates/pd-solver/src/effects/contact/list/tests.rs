@@ -1,7 +1,7 @@
 //! For which positions a list serves, and what may come near on a way.
 
 use super::super::distance::Nearest;
-use super::super::distance::tests::{Numbers, shifted};
+use super::super::distance::tests::{Numbers, distance_at, shifted};
 use super::*;
 
 /// Away from the origin, which nothing depends on.
@@ -71,11 +71,7 @@ fn what_comes_near_on_a_way_is_not_overlooked() {
         let kind = [Kind::VertexTriangle, Kind::EdgeEdge][case % 2];
         let (from, ways) = (numbers.quad(), numbers.quad());
         let ways = ways.map(|way| way * [0.0, 0.1, 0.5][case % 3]);
-        let apart = |t: f64| {
-            Nearest::of(kind, &shifted(&from, t, &ways))
-                .squared()
-                .sqrt()
-        };
+        let apart = |t: f64| distance_at(kind, &from, t, &ways);
         let times = (0..=50).map(|i| f64::from(i) / 50.0);
         let least = times.map(apart).fold(f64::INFINITY, f64::min);
         let to = shifted(&from, 1.0, &ways);

@@ -1,17 +1,10 @@
+use super::super::distance::tests::Numbers;
 use super::*;
 
-/// Numbers between -1 and 1 without a pattern.
-fn noise(seed: usize) -> f64 {
-    let mut x = seed as u64 ^ 0x9e37_79b9_7f4a_7c15;
-    for _ in 0..3 {
-        x = (x ^ (x >> 31)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-    }
-    (x >> 11) as f64 / (1u64 << 52) as f64 - 1.0
-}
-
-fn points(count: usize, seed: usize, size: f64) -> Vec<Vector3<f64>> {
-    let at = |i: usize| Vector3::from_fn(|k, _| size * noise(seed + 3 * i + k));
-    (0..count).map(at).collect()
+fn points(count: usize, seed: u64, size: f64) -> Vec<Vector3<f64>> {
+    let mut numbers = Numbers(seed);
+    let mut at = || Vector3::from_fn(|_, _| size * numbers.next());
+    (0..count).map(|_| at()).collect()
 }
 
 /// Whether the moving boxes share a point at one of many moments.
