@@ -60,7 +60,7 @@ pub struct Measurement {
     pub mean: [f64; 3],
     /// Longest side of the bounding box at rest.
     pub extent: f64,
-    /// Peak resident memory of the process in MB (2^20 bytes), without the reference solve.
+    /// Peak resident memory of the process in MB (2^20 bytes) until the first setup, solve and adjoint are done.
     pub peak_mb: Option<f64>,
     /// Threads of the pool.
     pub threads: usize,
@@ -117,21 +117,44 @@ impl Measurement {
 pub fn measure(case: &Case, args: &SolveArgs, reference: bool) -> Result<Measurement> {
     let load = system::load();
     system::reset_peak();
-    let mut all_setup_s = Vec::new();
-    let mut built: Option<(Solver, Parameters)> = None;
+    let (seconds, built) = timed(|| case.solver());
+    let (mut solver, parameters) = built?;
+    let rest = solver.rest().to_vec();
+    let (mut solution, mut adjoint) = (Solution::default(), Adjoint::default());
+    let forward = |solver: &mut Solver, solution: &mut Solution| {
+        let (time, done) =
+            timed(|| solver.solve_into(&parameters, None, &args.forward(), solution));
+        done.map(|()| time)
+    };
+    let cotangent = random_cotangent(rest.len(), solver.prescribed(), args.seed);
+    let mut backward = |solver: &mut Solver, solution: &Solution| {
+        let options = args.adjoint();
+        let (time, done) = timed(|| {
+            solver.adjoint_into(&parameters, solution, &cotangent, &options, &mut adjoint)
+        });
+        done.map(|()| time)
+    };
+    let mut all_setup_s = vec![seconds];
+    let mut all_forward_s = vec![forward(&mut solver, &mut solution)?];
+    let mut all_backward_s = vec![backward(&mut solver, &solution)?];
+    // Of one body: setups that follow would find memory in pieces that those before them left.
+    let peak_mb = system::peak_megabytes();
+
+    let before = hash(&solution.positions);
+    let mut is_same = true;
+    while again(&all_forward_s, &args.repeat) {
+        all_forward_s.push(forward(&mut solver, &mut solution)?);
+        is_same &= hash(&solution.positions) == before;
+    }
+    let repeatable = (all_forward_s.len() > 1).then_some(is_same);
+    while again(&all_backward_s, &args.repeat) {
+        all_backward_s.push(backward(&mut solver, &solution)?);
+    }
     while again(&all_setup_s, &args.repeat) {
-        // Two at once would show in the peak.
-        drop(built.take());
-        let (seconds, solver) = timed(|| case.solver());
-        built = Some(solver?);
+        let (seconds, built) = timed(|| case.solver());
+        built?;
         all_setup_s.push(seconds);
     }
-    let (mut solver, parameters) = built.expect("built once at least");
-    let rest = solver.rest().to_vec();
-
-    let (all_forward_s, solution, repeatable) = forward(&mut solver, &parameters, args)?;
-    let (all_backward_s, adjoint) = backward(&mut solver, &parameters, &solution, args)?;
-    let peak_mb = system::peak_megabytes();
     let (true_error, reference) = if reference {
         let (distance, reference) = tight(&mut solver, &parameters, &solution, args)?;
         (Some(distance), Some(reference))
@@ -179,51 +202,6 @@ pub fn measure(case: &Case, args: &SolveArgs, reference: bool) -> Result<Measure
         stats,
         adjoint_stats: adjoint.stats,
     })
-}
-
-/// Solves from rest again and again; the seconds of each, the last solution, and whether all of them (if more
-/// than one) agree in every bit.
-fn forward(
-    solver: &mut Solver,
-    parameters: &Parameters,
-    args: &SolveArgs,
-) -> Result<(Vec<f64>, Solution, Option<bool>)> {
-    let options = args.forward();
-    let mut solution = Solution::default();
-    let (first, done) = timed(|| solver.solve_into(parameters, None, &options, &mut solution));
-    done?;
-    let mut seconds = vec![first];
-    let before = hash(&solution.positions);
-    let mut repeatable = true;
-    while again(&seconds, &args.repeat) {
-        let (time, done) = timed(|| solver.solve_into(parameters, None, &options, &mut solution));
-        done?;
-        seconds.push(time);
-        repeatable &= hash(&solution.positions) == before;
-    }
-    let repeatable = (seconds.len() > 1).then_some(repeatable);
-    Ok((seconds, solution, repeatable))
-}
-
-fn backward(
-    solver: &mut Solver,
-    parameters: &Parameters,
-    solution: &Solution,
-    args: &SolveArgs,
-) -> Result<(Vec<f64>, Adjoint)> {
-    let cotangent = random_cotangent(solution.positions.len(), solver.prescribed(), args.seed);
-    let options = args.adjoint();
-    let mut seconds = Vec::new();
-    let mut adjoint = Adjoint::default();
-    loop {
-        let (time, done) =
-            timed(|| solver.adjoint_into(parameters, solution, &cotangent, &options, &mut adjoint));
-        done?;
-        seconds.push(time);
-        if !again(&seconds, &args.repeat) {
-            return Ok((seconds, adjoint));
-        }
-    }
 }
 
 /// Solves on from a solution, tightly: the largest distance that a node still goes, and how that solve ended.

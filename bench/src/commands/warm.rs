@@ -3,12 +3,12 @@
 use crate::case::Case;
 use crate::error::Result;
 use crate::files::{check_writable, write_json};
-use crate::options::{Name, SolveArgs, parse_cells, parse_finite, use_threads};
+use crate::options::{Name, SolveArgs, parse_cells, parse_finite, parse_positive, use_threads};
 use crate::system;
 use crate::table::{print, row, say, seconds};
 use crate::timing::{again, median, timed};
 use clap::Args;
-use pd_solver::{Solution, SolveOptions, Status};
+use pd_solver::{Solution, SolveOptions, Status, Stop};
 use serde::Serialize;
 
 /// Options of `warm`.
@@ -20,6 +20,9 @@ pub struct WarmArgs {
     /// How much the actuation grows between the two equilibria, as a share of itself.
     #[arg(long, value_name = "X", default_value_t = 0.01, allow_hyphen_values = true, value_parser = parse_finite)]
     change: f64,
+    /// Stop both where no node is farther than this from its place, instead of by the gradient.
+    #[arg(long, value_name = "LENGTH", allow_hyphen_values = true, value_parser = parse_positive)]
+    accuracy: Option<f64>,
     #[command(flatten)]
     solve: SolveArgs,
 }
@@ -31,6 +34,8 @@ struct Report {
     method: String,
     change: f64,
     relative_gradient: f64,
+    /// Instead of the gradient, where given.
+    accuracy: Option<f64>,
     /// Median seconds of a solve for the changed actuation from rest.
     cold_s: f64,
     /// Median seconds of the same solve from the equilibrium before the change.
@@ -65,7 +70,10 @@ pub fn run(args: &WarmArgs) -> Result<bool> {
     let mut after = before.clone();
     let grown = after.actuation.iter_mut().flatten();
     grown.for_each(|b| *b *= 1.0 + args.change);
-    let options = args.solve.forward();
+    let mut options = args.solve.forward();
+    if let Some(length) = args.accuracy {
+        options.stop = Stop::Accuracy(length);
+    }
     let mut start = Solution::default();
     let (mut cold, mut warm) = (Solution::default(), Solution::default());
     let reuse = SolveOptions {
@@ -95,6 +103,7 @@ pub fn run(args: &WarmArgs) -> Result<bool> {
         method: Name::to_string(&args.solve.method),
         change: args.change,
         relative_gradient: args.solve.relative_gradient,
+        accuracy: args.accuracy,
         cold_s,
         warm_s,
         share: warm_s / cold_s,
