@@ -41,6 +41,9 @@ pub enum AccuracyError {
         /// What is wrong, and the mend.
         problem: String,
     },
+    /// The user asked to stop.
+    #[error("stopped; the same command goes on from here")]
+    Stopped,
     /// Steps of a training failed again and again.
     #[error("training through the simulator fails again and again, last by {reason}")]
     Training {

@@ -4,6 +4,7 @@ pub mod choice;
 pub mod draw;
 mod error;
 pub mod estimates;
+mod kept;
 pub mod manufactured;
 pub mod recommend;
 pub mod study;

@@ -11,7 +11,6 @@ use std::time::Instant;
 use trainer::body::Body;
 use trainer::scene::{ActuationPer, Scene};
 use trainer::shapes::Shape;
-use trainer::simulator::Simulator;
 use trainer::stage2::{Outcome, ThroughSimulator, steps};
 
 /// How tightly training is done.
@@ -150,14 +149,8 @@ struct Case<'a> {
 
 impl Case<'_> {
     fn simulator<'b>(&'b self, scene: &'b Scene) -> Result<ThroughSimulator<'b>> {
-        Ok(ThroughSimulator {
-            body: self.body,
-            scene,
-            shapes: self.shapes,
-            descriptors: self.descriptors,
-            simulator: Simulator::new(self.body, scene)?,
-            blends: None,
-        })
+        let simulator = ThroughSimulator::new(self.body, scene, self.shapes, self.descriptors)?;
+        Ok(simulator)
     }
 
     /// The gradient of each shape at the start, from rest; nothing where a step would be dropped.

@@ -2,8 +2,9 @@
 //! (supplement, section 10.3 and Fig. 12).
 
 use crate::error::{AccuracyError, Result};
+use crate::kept::{InTraining, Kept, Unfinished};
 use crate::subject::Subject;
-use actuation_net::{ACTUATION_SIZE, ActuationNet, AdamState, Output, ResolutionRange};
+use actuation_net::{ACTUATION_SIZE, ActuationNet, Output, ResolutionRange};
 use hex_mesh::{HexMesh, embed, trilinear_weights};
 use nalgebra::Vector3;
 use pd_solver::{SolveOptions, Stop};
@@ -11,11 +12,10 @@ use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{RngCore, SeedableRng};
 use scene_shapes::actuation::uniform;
 use serde::Serialize;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use surface_mesh::vertex_normals;
 use trainer::actuator::{Actuator, Samples};
 use trainer::body::Body;
-use trainer::files::{create_folder, parse_json, read_json, write_json};
 use trainer::scene::Scene;
 use trainer::shapes::Shape;
 use trainer::simulator::Simulator;
@@ -68,53 +68,15 @@ impl TransferPlan {
             ..Self::quick()
         }
     }
-}
 
-/// Networks that were trained before, by name: a transfer that was stopped goes on after the last of them.
-struct Kept {
-    folder: PathBuf,
-}
-
-impl Kept {
-    /// What is kept in `folder` for a subject and a plan.
-    fn open(folder: &Path, subject: &Subject, plan: &TransferPlan) -> Result<Self> {
-        let folder = folder.join("networks");
-        create_folder(&folder)?;
-        let path = folder.join("plan.json");
-        let own = serde_json::json!({
-            "plan": plan,
+    /// What decides about the networks: the plan, and what it is carried out on.
+    fn of(&self, subject: &Subject) -> serde_json::Value {
+        serde_json::json!({
+            "plan": self,
             "scene": subject.scene,
             "diagonal": subject.diagonal,
             "shapes": subject.names(),
-        });
-        // Through text, as that of the file: numbers may lose their last digit there.
-        let own: serde_json::Value = parse_json(&own.to_string(), &path)?;
-        match path.exists() {
-            true if read_json::<serde_json::Value>(&path)? != own => Err(AccuracyError::Folder {
-                path,
-                problem: "is of another transfer: give another --out, or remove the folder".into(),
-            }),
-            true => Ok(Self { folder }),
-            false => {
-                write_json(&path, &own)?;
-                Ok(Self { folder })
-            }
-        }
-    }
-
-    /// The network of this name; trained and kept where it is not there.
-    fn network(
-        &self,
-        name: &str,
-        train: impl FnOnce() -> Result<ActuationNet>,
-    ) -> Result<ActuationNet> {
-        let path = self.folder.join(format!("{name}.safetensors"));
-        if path.exists() {
-            return Ok(ActuationNet::load(&path)?);
-        }
-        let net = train()?;
-        net.save(&path)?;
-        Ok(net)
+        })
     }
 }
 
@@ -240,7 +202,7 @@ pub fn transfer(
         subject,
         shapes: described.iter().map(|s| s.0).collect(),
         descriptors: described.iter().map(|s| s.1.clone()).collect(),
-        kept: Kept::open(folder, subject, &plan)?,
+        kept: Kept::open(folder, &plan.of(subject))?,
         plan,
     };
     let scenes = subject.scene.mesh.element_size;
@@ -258,8 +220,8 @@ pub fn transfer(
 
     told("the network of the finest grid");
     let fine = grid(finest, case.plan.passes)?;
-    let of_finest = case.kept.network("finest", || {
-        case.trained(start, std::slice::from_ref(&fine))
+    let of_finest = case.kept.network("finest", |unfinished| {
+        case.trained(start, std::slice::from_ref(&fine), &unfinished)
     })?;
     let coarse = grid(FIGURE[0].1, case.plan.passes)?;
     let range = ResolutionRange {
@@ -272,11 +234,11 @@ pub fn transfer(
     let passes = case.plan.conditioned_passes;
     let counts: Vec<f64> = (0..case.plan.grids).map(|_| between()).collect();
     told("the network that knows the spacing");
-    let conditioned = case.kept.network("conditioned", || {
+    let conditioned = case.kept.network("conditioned", |unfinished| {
         let grids = counts.iter().map(|&count| grid(count, passes));
         let grids = grids.collect::<Result<Vec<_>>>()?;
         let untrained = of_finest.with_resolution(range, subject.scene.seed)?;
-        case.trained(&untrained, &grids)
+        case.trained(&untrained, &grids, &unfinished)
     })?;
     subject.write_run(&folder.join("conditioned"), &conditioned)?;
 
@@ -287,8 +249,8 @@ pub fn transfer(
         one_pass.scene.stage2.learning_rate = case.plan.one_pass_rate;
         let own = match from == finest {
             true => of_finest.clone(),
-            false => case.kept.network(&format!("own-{from}"), || {
-                case.trained(start, std::slice::from_ref(&source))
+            false => case.kept.network(&format!("own-{from}"), |unfinished| {
+                case.trained(start, std::slice::from_ref(&source), &unfinished)
             })?,
         };
         let name = format!("transferred-{from}-{to}");
@@ -305,9 +267,9 @@ pub fn transfer(
             false => None,
             true => {
                 let name = format!("alone-{}", i + 1);
-                let own = case
-                    .kept
-                    .network(&name, || case.trained(start, std::slice::from_ref(&place)))?;
+                let own = case.kept.network(&name, |unfinished| {
+                    case.trained(start, std::slice::from_ref(&place), &unfinished)
+                })?;
                 Some(
                     case.simulated(&place, |d, grid| evaluated(&own, d, grid))?
                         .0,
@@ -336,40 +298,44 @@ pub fn transfer(
 }
 
 impl Case<'_> {
-    /// Trains through the simulator, every step on one of the grids, drawn at random.
-    fn trained(&self, net: &ActuationNet, grids: &[Grid]) -> Result<ActuationNet> {
-        let mut net = net.clone();
-        let mut adam = AdamState::new(net.parameter_count());
-        let mut warm: Vec<Vec<Vec<Vector3<f64>>>> = { grids.iter() }
-            .map(|g| vec![g.body.mesh.nodes().to_vec(); self.shapes.len()])
-            .collect();
+    /// Trains through the simulator, every step on one of the grids, drawn at random; goes on with what is unfinished.
+    fn trained(
+        &self,
+        net: &ActuationNet,
+        grids: &[Grid],
+        unfinished: &Unfinished,
+    ) -> Result<ActuationNet> {
+        let rest = grids
+            .iter()
+            .map(|grid| vec![grid.body.mesh.nodes().to_vec(); self.shapes.len()]);
+        let mut state = unfinished.read(InTraining::new(net, rest.collect()))?;
         let simulators = grids.iter().map(|grid| {
-            Ok(ThroughSimulator {
-                body: &grid.body,
-                scene: &grid.scene,
-                shapes: &self.shapes,
-                descriptors: &self.descriptors,
-                simulator: Simulator::new(&grid.body, &grid.scene)?,
-                blends: None,
-            })
+            ThroughSimulator::new(&grid.body, &grid.scene, &self.shapes, &self.descriptors)
         });
-        let mut simulators = simulators.collect::<Result<Vec<_>>>()?;
+        let mut simulators = simulators.collect::<trainer::error::Result<Vec<_>>>()?;
         let mut random = ChaCha8Rng::seed_from_u64(self.subject.scene.seed);
-        let mut dropped = 0;
-        for step in 0..steps(&grids[0].scene.stage2, self.shapes.len()) {
-            let place = random.next_u64() as usize % grids.len();
-            let outcome = simulators[place].step(&mut net, &mut adam, &mut warm[place], step)?;
+        let mut draw = || random.next_u64() as usize % grids.len();
+        for _ in 0..state.step {
+            draw();
+        }
+        while state.step < steps(&grids[0].scene.stage2, self.shapes.len()) {
+            unfinished.keep(&state)?;
+            let place = draw();
+            let (net, adam) = (&mut state.net, &mut state.adam);
+            let warm = &mut state.warm[place];
+            let outcome = simulators[place].step(net, adam, warm, state.step)?;
+            state.step += 1;
             match outcome {
-                Outcome::Stepped(_) => dropped = 0,
+                Outcome::Stepped(_) => state.dropped = 0,
                 Outcome::Dropped(reason) => {
-                    dropped += 1;
-                    if dropped == MOST_DROPPED {
+                    state.dropped += 1;
+                    if state.dropped == MOST_DROPPED {
                         return Err(AccuracyError::Training { reason });
                     }
                 }
             }
         }
-        Ok(net)
+        Ok(state.net)
     }
 
     /// Simulates all shapes on a grid with an actuation from somewhere.
@@ -409,9 +375,9 @@ impl Case<'_> {
         source: &Grid,
         target: &Grid,
     ) -> Result<Direction> {
-        let retrained = self
-            .kept
-            .network(name, || self.trained(own, std::slice::from_ref(target)))?;
+        let retrained = self.kept.network(name, |unfinished| {
+            self.trained(own, std::slice::from_ref(target), &unfinished)
+        })?;
         let way = |name, found: (Errors, Vec<Vec<Vector3<f64>>>)| Way {
             name,
             errors: found.0,
@@ -436,7 +402,7 @@ impl Case<'_> {
 }
 
 /// Dropped steps in a row that end a training.
-const MOST_DROPPED: usize = 20;
+const MOST_DROPPED: u64 = 20;
 
 fn evaluated(net: &ActuationNet, descriptor: &[f32], grid: &Grid) -> Result<Output> {
     let samples = Samples::all(grid.body.actuated());

@@ -1,8 +1,10 @@
 //! The program from the outside: a study that goes on, what it recommends, and what it refuses.
 
 use serde_json::Value;
+use std::io::{BufRead, BufReader};
 use std::path::{Path, PathBuf};
-use std::process::{Command, Output};
+use std::process::{Command, Output, Stdio};
+use std::time::Duration;
 use trainer::run::Run;
 use trainer::trained::{Changes, Trained};
 
@@ -64,6 +66,39 @@ impl Place {
         for word in words {
             assert!(err.contains(word), "{line}: {err}");
         }
+    }
+
+    /// Asks the program to stop so long after it begins with networks; whether it was done before.
+    #[cfg(unix)]
+    fn is_done_within(&self, line: &str, wait: Duration) -> bool {
+        let mut program = Command::new(env!("CARGO_BIN_EXE_myofield-accuracy"))
+            .current_dir(self.0.path())
+            .args(line.split_whitespace())
+            .stdout(Stdio::null())
+            .stderr(Stdio::piped())
+            .spawn()
+            .unwrap();
+        let mut told = BufReader::new(program.stderr.take().unwrap()).lines();
+        let begun = told
+            .by_ref()
+            .map_while(Result::ok)
+            .find(|l| l.contains("finest grid"));
+        assert!(begun.is_some(), "it ended before");
+        std::thread::sleep(wait);
+        let id = program.id().to_string();
+        // Fails where it is done.
+        Command::new("kill")
+            .args(["-INT", &id])
+            .stderr(Stdio::null())
+            .status()
+            .unwrap();
+        let last = told.map_while(Result::ok).last().unwrap_or_default();
+        let is_done = program.wait().unwrap().success();
+        assert!(
+            is_done || last.contains("the same command goes on"),
+            "{last}"
+        );
+        is_done
     }
 
     fn said(&self, line: &str) -> (bool, String, String) {
@@ -233,6 +268,26 @@ fn a_transfer_goes_on_after_its_last_network_and_leaves_a_run() {
         "transfer small.toml --shapes 1 --passes 2 --out out",
         &["plan.json", "another transfer", "--out"],
     );
+
+    // Stopped again and again in the middle of networks, it comes to the same.
+    #[cfg(unix)]
+    {
+        let (mut in_training, mut stops) = (0, 0);
+        let again = line.replace("out out", "out again");
+        while !place.is_done_within(&again, Duration::from_millis(300 + 170 * stops)) {
+            stops += 1;
+            let left = std::fs::read_dir(place.path("again/networks")).unwrap();
+            let is_unfinished =
+                |f: std::fs::DirEntry| f.path().extension() == Some("unfinished".as_ref());
+            in_training += u64::from(left.flatten().any(is_unfinished));
+        }
+        assert!(
+            in_training > 1,
+            "{in_training} of {stops} stops in training"
+        );
+        let again = place.path("again").join("transfer.json");
+        assert!(std::fs::read(again).unwrap() == found, "{stops} stops");
+    }
 
     // The network that knows the spacing is a run like any other, on any grid.
     let run = Run::open(&out.join("conditioned")).unwrap();

@@ -10,7 +10,6 @@ use trainer::evaluate::Evaluator;
 use trainer::focus::Focus;
 use trainer::scene::Scene;
 use trainer::shapes::{Shapes, load_shapes};
-use trainer::simulator::Simulator;
 use trainer::stage1::{self, Regression};
 use trainer::stage2::{Outcome, ThroughSimulator};
 use trainer::train::network_config;
@@ -43,7 +42,7 @@ fn steps(c: &mut Criterion) {
         descriptors: &descriptors,
         targets: &pulled,
         basis: &shapes.basis_in_training(),
-        focus: &Focus::new(&pulled, scene.stage1.focus),
+        focus: &Focus::new(&pulled, scene.stage1.focus, scene.stage1.balance),
         settings: &scene.stage1,
         seed: scene.seed,
     };
@@ -66,14 +65,9 @@ fn steps(c: &mut Criterion) {
             BatchSize::PerIteration,
         );
     });
-    let mut simulator = ThroughSimulator {
-        body: &body,
-        scene: &scene,
-        shapes: &training,
-        descriptors: &descriptors,
-        simulator: Simulator::new(&body, &scene).expect("valid effects"),
-        blends: (scene.stage2.blend_weight > 0.0).then_some(&regression),
-    };
+    let mut simulator = ThroughSimulator::new(&body, &scene, &training, &descriptors)
+        .expect("valid effects")
+        .with_blends(&regression);
     group.bench_function("stage 2, one step", |b| {
         b.iter_batched_ref(
             || (net.clone(), adam.clone(), warm.clone()),

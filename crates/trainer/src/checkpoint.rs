@@ -89,6 +89,42 @@ struct Header {
 }
 
 const HEADER: &str = "training";
+const WARM: &str = "warm_starts";
+
+/// Adds positions of the same nodes in several shapes to a file, as bit patterns: they must come back exactly.
+///
+/// # Panics
+/// When the shapes have different numbers of nodes.
+pub fn insert_positions(file: &mut TensorFile, name: &str, shapes: &[Vec<Vector3<f64>>]) {
+    let nodes = shapes.first().map_or(0, Vec::len);
+    let bits = shapes.iter().flatten();
+    let bits: Vec<u64> = bits
+        .flat_map(|x| [x.x, x.y, x.z].map(f64::to_bits))
+        .collect();
+    file.insert_u64(name, &[shapes.len(), nodes, 3], &bits);
+}
+
+/// What [`insert_positions`] added, of so many shapes and nodes.
+///
+/// # Errors
+/// When the file has no such positions.
+pub fn positions(
+    file: &TensorFile,
+    name: &str,
+    shapes: usize,
+    nodes: usize,
+) -> Result<Vec<Vec<Vector3<f64>>>> {
+    let bits = file.u64_tensor(name, &[shapes, nodes, 3])?;
+    let entries: Vec<f64> = bits.into_iter().map(f64::from_bits).collect();
+    let all: Vec<_> = entries
+        .chunks_exact(3)
+        .map(Vector3::from_column_slice)
+        .collect();
+    Ok(match nodes {
+        0 => Vec::new(),
+        nodes => all.chunks_exact(nodes).map(<[_]>::to_vec).collect(),
+    })
+}
 
 impl Checkpoint {
     /// Writes the checkpoint of a run.
@@ -113,11 +149,7 @@ impl Checkpoint {
         file.insert_metadata(HEADER, header);
         self.net.insert_into(&mut file, "network.");
         self.adam.insert_into(&mut file, "adam.");
-        // As bit patterns: positions must come back exactly.
-        let bits: Vec<u64> = (self.warm.iter().flatten())
-            .flat_map(|x| [x.x.to_bits(), x.y.to_bits(), x.z.to_bits()])
-            .collect();
-        file.insert_u64("warm_starts", &[self.warm.len(), nodes, 3], &bits);
+        insert_positions(&mut file, WARM, &self.warm);
         Ok(file.write(run.checkpoint_path())?)
     }
 
@@ -144,21 +176,7 @@ impl Checkpoint {
             })?;
         let net = ActuationNet::from_file_with(file, "network.", config)?;
         let adam = AdamState::from_file(file, "adam.", net.parameter_count())?;
-        let bits = file.u64_tensor("warm_starts", &[header.shapes, header.nodes, 3])?;
-        let positions: Vec<Vector3<f64>> = bits
-            .chunks_exact(3)
-            .map(|b| {
-                Vector3::new(
-                    f64::from_bits(b[0]),
-                    f64::from_bits(b[1]),
-                    f64::from_bits(b[2]),
-                )
-            })
-            .collect();
-        let warm = match header.nodes {
-            0 => Vec::new(),
-            nodes => positions.chunks_exact(nodes).map(<[_]>::to_vec).collect(),
-        };
+        let warm = positions(file, WARM, header.shapes, header.nodes)?;
         Ok(Self {
             stage: header.stage,
             step: header.step,

@@ -37,7 +37,6 @@ mod tests {
     use crate::run::Run;
     use crate::scene::Scene;
     use crate::shapes::{Shape, Shapes};
-    use crate::simulator::Simulator;
     use crate::stage1::{Pulled, Regression, pull};
     use crate::stage2::{Outcome, ThroughSimulator};
     use crate::train::{network_config, train};
@@ -81,7 +80,7 @@ mod tests {
     fn a_loss_that_is_no_number_drops_the_step_of_stage_1_and_changes_nothing() {
         let mut case = Case::new();
         let descriptors = case.descriptors();
-        let focus = Focus::new(&case.pulled, 0.0);
+        let focus = Focus::new(&case.pulled, 0.0, 0.0);
         let adam = AdamState::new(case.net.parameter_count());
         let step = |case: &Case, net: &mut ActuationNet, adam: &mut AdamState| {
             let regression = Regression {
@@ -120,14 +119,8 @@ mod tests {
         let adam = AdamState::new(case.net.parameter_count());
         let step = |shapes: &[Shape]| {
             let shapes: Vec<&Shape> = shapes.iter().collect();
-            let mut simulator = ThroughSimulator {
-                body: &case.body,
-                scene: &case.scene,
-                shapes: &shapes,
-                descriptors: &descriptors,
-                simulator: Simulator::new(&case.body, &case.scene).unwrap(),
-                blends: None,
-            };
+            let (body, scene) = (&case.body, &case.scene);
+            let mut simulator = ThroughSimulator::new(body, scene, &shapes, &descriptors).unwrap();
             let (mut net, mut state, mut starts) = (case.net.clone(), adam.clone(), warm.clone());
             let outcome = simulator.step(&mut net, &mut state, &mut starts, 0);
             let is_same = net == case.net && state == adam && starts == warm;

@@ -1,6 +1,7 @@
 //! Files that appear whole or not at all.
 
 use crate::error::{Result, TrainerError, file_error};
+use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
 /// Writes a file beside its final place, flushes it to disk, and renames it.
@@ -59,6 +60,17 @@ const UNFINISHED: [&str; 2] = [whole_file::UNFINISHED, ".probe-"];
 /// Random letters that follow.
 const RANDOM_PART: usize = 6;
 
+/// Removes a file, if it is there.
+///
+/// # Errors
+/// When it cannot be removed.
+pub fn remove(path: &Path) -> Result<()> {
+    match std::fs::remove_file(path) {
+        Err(error) if error.kind() != ErrorKind::NotFound => Err(file_error("remove", path)(error)),
+        _ => Ok(()),
+    }
+}
+
 /// Removes the unfinished files that a killed process left in a folder. Nobody else may be writing there.
 ///
 /// # Errors
@@ -72,7 +84,7 @@ pub fn remove_unfinished(folder: &Path) -> Result<()> {
         let is_unfinished =
             |prefix: &&str| name.starts_with(*prefix) && name.len() == prefix.len() + RANDOM_PART;
         if path.is_file() && UNFINISHED.iter().any(is_unfinished) {
-            std::fs::remove_file(&path).map_err(file_error("remove", &path))?;
+            remove(&path)?;
         }
     }
     Ok(())

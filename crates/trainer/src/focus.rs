@@ -1,8 +1,8 @@
 //! Where stage 1 looks, and how much each shape counts there.
 //!
-//! A closing lid or the corner of a mouth is one sample in a thousand, and a blink stretches the body a hundredth of what an opening
-//! jaw does: with points drawn evenly and shapes weighted alike, the network leaves both out.
+//! A closing lid or the corner of a mouth is one sample in a thousand: with points drawn evenly, the network leaves it out.
 
+use crate::balance::Balance;
 use crate::draw;
 use crate::stage1::Pulled;
 use rand::Rng;
@@ -11,8 +11,7 @@ use rand::distr::weighted::WeightedIndex;
 
 /// Draws sample points and weighs shapes.
 pub struct Focus {
-    /// What each shape counts; 1 in the mean square over an even choice of points.
-    shapes: Vec<f64>,
+    shapes: Balance,
     /// Number of sample points.
     points: usize,
     /// Absent where every point is as likely.
@@ -20,42 +19,31 @@ pub struct Focus {
 }
 
 impl Focus {
-    /// Draws the part `share` of the points in proportion to how much the training shapes stretch the body there, the rest evenly. With
-    /// any such part, a shape counts by the inverse of the root of its mean squared stretch: halfway from equal absolute to equal
-    /// relative errors. 0 draws evenly and weighs alike.
-    pub fn new(targets: &[Pulled], share: f64) -> Self {
+    /// Draws the part `share` of the points in proportion to how much the training shapes stretch the body there, each against its own
+    /// mean, and the rest evenly. Shapes count by their mean squared stretch and `balance`.
+    pub fn new(targets: &[Pulled], share: f64, balance: f64) -> Self {
         let points = targets.first().map_or(0, |t| t.actuation.len() / 6);
         let squares: Vec<Vec<f64>> = targets.iter().map(squared_stretch).collect();
         let means = { squares.iter() }.map(|s| s.iter().sum::<f64>() / points.max(1) as f64);
-        let means: Vec<f64> = means.collect();
-        let all = means.iter().sum::<f64>() / means.len().max(1) as f64;
-        if share <= 0.0 || all <= 0.0 {
-            return Self {
-                shapes: vec![1.0; targets.len()],
-                points,
-                likely: None,
-            };
-        }
-        // A shape that stretches next to nothing must not outweigh the rest.
-        let relative = means.iter().map(|m| m.max(1e-4 * all) / all);
-        let relative: Vec<f64> = relative.collect();
+        let shapes = Balance::new(&means.collect::<Vec<f64>>(), balance);
         let stretch = |point: usize| {
-            let of = squares.iter().zip(&relative);
+            let of = squares.iter().zip(shapes.shares());
             of.map(|(s, r)| s[point] / r).sum::<f64>().sqrt()
         };
-        let stretch: Vec<f64> = (0..points).map(stretch).collect();
-        let total: f64 = stretch.iter().sum();
-        let chance = |s: &f64| (1.0 - share) / points as f64 + share * s / total;
+        let likely = match share > 0.0 {
+            true => likely(&(0..points).map(stretch).collect::<Vec<f64>>(), share),
+            false => None,
+        };
         Self {
-            shapes: relative.iter().map(|r| r.sqrt().recip()).collect(),
+            shapes,
             points,
-            likely: WeightedIndex::new(stretch.iter().map(chance)).ok(),
+            likely,
         }
     }
 
-    /// What shape number `shape` counts.
-    pub fn weight(&self, shape: usize) -> f64 {
-        self.shapes[shape]
+    /// What each shape counts.
+    pub fn balance(&self) -> &Balance {
+        &self.shapes
     }
 
     /// `count` sample points, with repetition.
@@ -64,6 +52,16 @@ impl Focus {
             None => draw::indices(generator, self.points, count),
             Some(likely) => (0..count).map(|_| likely.sample(generator)).collect(),
         }
+    }
+}
+
+/// Draws the part `share` in proportion to `stretch`, the rest evenly; nothing where nothing is stretched.
+fn likely(stretch: &[f64], share: f64) -> Option<WeightedIndex<f64>> {
+    let total: f64 = stretch.iter().sum();
+    let chance = |s: &f64| (1.0 - share) / stretch.len() as f64 + share * s / total;
+    match total > 0.0 {
+        true => WeightedIndex::new(stretch.iter().map(chance)).ok(),
+        false => None,
     }
 }
 
@@ -104,16 +102,21 @@ mod tests {
 
     #[test]
     fn without_a_share_all_points_and_shapes_are_alike() {
-        let focus = Focus::new(&[pulled(&[0.0, 0.0, 0.0, 3.0]), pulled(&[0.1; 4])], 0.0);
+        let focus = Focus::new(
+            &[pulled(&[0.0, 0.0, 0.0, 3.0]), pulled(&[0.1; 4])],
+            0.0,
+            0.0,
+        );
         let same = draw::indices(&mut draw::generator(1, 2, 3), 4, 100);
         assert_eq!(focus.draw(&mut draw::generator(1, 2, 3), 100), same);
-        assert_eq!((focus.weight(0), focus.weight(1)), (1.0, 1.0));
+        let counts = [0, 1].map(|shape| focus.balance().weight(shape));
+        assert_eq!(counts, [1.0, 1.0]);
     }
 
     /// Point 3 has all the stretch: half of the points by its share, and an eighth of those drawn evenly.
     #[test]
     fn points_that_stretch_are_drawn_more_often() {
-        let focus = Focus::new(&[pulled(&[0.0, 0.0, 0.0, 0.7])], 0.5);
+        let focus = Focus::new(&[pulled(&[0.0, 0.0, 0.0, 0.7])], 0.5, 0.0);
         let counts = counts(&focus);
         assert!(
             (f64::from(counts[3] as u32) / 40_000.0 - 0.625).abs() < 0.01,
@@ -128,17 +131,22 @@ mod tests {
     /// However small the stretch of the second shape, its one place is drawn as often as that of the first.
     #[test]
     fn a_small_shape_is_seen_like_a_large_one() {
-        let focus = Focus::new(&[pulled(&[1.0, 0.0, 0.0]), pulled(&[0.0, 0.05, 0.0])], 0.6);
+        let focus = Focus::new(
+            &[pulled(&[1.0, 0.0, 0.0]), pulled(&[0.0, 0.05, 0.0])],
+            0.6,
+            0.5,
+        );
         let counts = counts(&focus);
         let ratio = f64::from(counts[0] as u32) / f64::from(counts[1] as u32);
         assert!((ratio - 1.0).abs() < 0.05, "{counts:?}");
-        assert!((focus.weight(1) / focus.weight(0) - 20.0).abs() < 1e-6);
+        let balance = focus.balance();
+        assert!((balance.weight(1) / balance.weight(0) - 20.0).abs() < 1e-6);
     }
 
     #[test]
     fn shapes_at_rest_are_drawn_evenly() {
-        let focus = Focus::new(&[pulled(&[0.0; 3])], 0.5);
-        assert_eq!(focus.weight(0), 1.0);
+        let focus = Focus::new(&[pulled(&[0.0; 3])], 0.5, 0.5);
+        assert_eq!(focus.balance().weight(0), 1.0);
         assert!(
             focus
                 .draw(&mut draw::generator(1, 2, 3), 50)

@@ -11,6 +11,7 @@
 struct Readme;
 
 pub mod actuator;
+pub mod balance;
 pub mod body;
 pub mod checkpoint;
 pub mod compare;
@@ -56,4 +57,4 @@ pub mod units;
 pub mod weights;
 
 pub use error::{Result, TrainerError};
-pub use progress::stop_on_signal;
+pub use progress::{stop_on_signal, stop_requested};

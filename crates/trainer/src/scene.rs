@@ -283,6 +283,9 @@ pub struct Stage1 {
     pub points: usize,
     /// Share of the points drawn where the shapes stretch the body most, in [0, 1); see [`crate::focus::Focus`].
     pub focus: f64,
+    /// How much more shapes count that stretch the body little, from 0, where absolute errors count alike, to 1, where relative ones do;
+    /// see [`crate::balance::Balance`].
+    pub balance: f64,
     /// Superpositions of basis shapes drawn per step, so that the codes between training shapes mean something too.
     pub blends: usize,
     /// First learning rate; it decays to 0.
@@ -297,6 +300,7 @@ impl Default for Stage1 {
             batch: 4,
             points: 1024,
             focus: 0.0,
+            balance: 0.0,
             blends: 0,
             learning_rate: 1e-3,
         }
@@ -318,6 +322,8 @@ pub struct Stage2 {
     /// Points that a step's gradient goes through, drawn where it is large so that it is that of all points in the mean; 0 for all of
     /// them. The network costs three times as much on the way back as on the way there.
     pub points: usize,
+    /// How much more shapes count that move the surface little, from 0 to 1 as in stage 1.
+    pub balance: f64,
     /// Weight of the superpositions' actuation loss (that of stage 1) beside the loss on the surface: keeps what the codes between the
     /// training shapes mean. 0 leaves them alone.
     pub blend_weight: f64,
@@ -330,6 +336,7 @@ impl Default for Stage2 {
             learning_rate: 1e-4,
             accuracy: 1e-4,
             points: 0,
+            balance: 0.0,
             adjoint_tolerance: 1e-2,
             blend_weight: 0.0,
         }
@@ -458,6 +465,14 @@ impl Scene {
             if !(bone.reach.is_finite() && bone.reach >= 0.0) {
                 let mend = "give a length, zero or more";
                 return wrong("bone.reach", bone.reach.to_string(), mend);
+            }
+        }
+        for (key, value) in [
+            ("stage1.balance", self.stage1.balance),
+            ("stage2.balance", self.stage2.balance),
+        ] {
+            if !(0.0..=1.0).contains(&value) {
+                return wrong(key, value.to_string(), "give a number from 0 to 1");
             }
         }
         if !(0.0..1.0).contains(&self.stage1.focus) {

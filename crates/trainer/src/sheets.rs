@@ -3,6 +3,7 @@
 use crate::body::Body;
 use crate::error::{Result, file_error};
 use crate::evaluate::ShapeResult;
+use crate::files::remove;
 use crate::loss::distances;
 use crate::run::Run;
 use crate::scene::Scene;
@@ -88,7 +89,7 @@ pub(crate) fn write_pages(
         if !path.exists() {
             return Ok(());
         }
-        std::fs::remove_file(&path).map_err(file_error("remove", &path))?;
+        remove(&path)?;
     }
     Ok(())
 }

@@ -5,8 +5,8 @@
 //! A = I + sym(b).
 
 use crate::body::Body;
-use crate::error::{Result, TrainerError, file_error};
-use crate::files::{create_folder, write_json};
+use crate::error::{Result, TrainerError};
+use crate::files::{create_folder, remove, write_json};
 use crate::npy;
 use hex_mesh::{Axis, HexMesh, NodeRegion, Quadrature};
 use nalgebra::Vector3;
@@ -16,7 +16,6 @@ use pd_solver::{
 };
 use serde_json::json;
 use std::collections::BTreeSet;
-use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
 /// The body to solve for.
@@ -152,13 +151,7 @@ fn remove_stale_gradients(out: &Path) -> Result<()> {
         "prescribed_grad.npy",
         "prescribed.npy",
     ] {
-        let path = out.join(name);
-        match std::fs::remove_file(&path) {
-            Err(error) if error.kind() != ErrorKind::NotFound => {
-                return Err(file_error("remove", &path)(error));
-            }
-            _ => {}
-        }
+        remove(&out.join(name))?;
     }
     Ok(())
 }

@@ -210,7 +210,7 @@ impl Regression<'_> {
             let target = gather(&self.targets[shape].actuation, &chosen, 6);
             let joint = self.targets[shape].joint;
             let learned = (self.descriptors[shape].as_slice(), target.as_slice(), joint);
-            let weight = self.focus.weight(shape) / count;
+            let weight = self.focus.balance().weight(shape) / count;
             loss += self.add_misfit(net, &chosen, learned, weight, &mut gradient)?;
         }
         let blends = self.settings.blends;
@@ -250,27 +250,29 @@ impl Regression<'_> {
         let mut loss = 0.0;
         for _ in 0..count {
             let chosen = self.focus.draw(generator, self.settings.points);
-            let (descriptor, target, joint) = self.superposition(&chosen, generator);
+            let (descriptor, target, joint, counts) = self.superposition(&chosen, generator);
             let learned = (descriptor.as_slice(), target.as_slice(), joint);
+            let weight = weight * counts;
             loss += self.add_misfit(net, &chosen, learned, weight, gradient)?;
         }
         Ok(loss)
     }
 
-    /// Random weights over the basis, two to four of them not zero, and the weighted sums of the actuations at some samples and of the
-    /// joint's parameters.
+    /// Random weights over the basis, two to four of them not zero, the weighted sums of the actuations at some samples and of the joint's
+    /// parameters, and what the superposition counts.
     fn superposition(
         &self,
         chosen: &[usize],
         generator: &mut impl Rng,
-    ) -> (Vec<f32>, Vec<f32>, JointAnswer) {
+    ) -> (Vec<f32>, Vec<f32>, JointAnswer, f64) {
         let size = self.basis.len();
         let members = generator.random_range(2..=4).min(size);
         let order = draw::order(generator, size);
         let mut weights = vec![0.0; size];
         let mut target = vec![0.0; chosen.len() * 6];
         let mut joint: JointAnswer = None;
-        for &member in order.iter().take(members) {
+        let members = &order[..members];
+        for &member in members {
             let weight = generator.random_range(0.0..=1.0);
             weights[member] = weight;
             let part = gather(&self.targets[self.basis[member]].actuation, chosen, 6);
@@ -283,7 +285,9 @@ impl Regression<'_> {
                 sum.iter_mut().zip(own).for_each(|(s, x)| *s += weight * x);
             }
         }
-        (weights, target, joint)
+        let members = members.iter().map(|&member| self.basis[member]);
+        let counts = self.focus.balance().weight_of(members);
+        (weights, target, joint, counts)
     }
 
     /// Adds the gradient of `weight` times the mean squared distance of the network from a target at some samples.
@@ -412,14 +416,14 @@ mod tests {
             descriptors: &descriptors,
             targets: &pulled,
             basis: &[0, 1],
-            focus: &Focus::new(&pulled, 0.0),
+            focus: &Focus::new(&pulled, 0.0, 0.0),
             settings: &scene.stage1,
             seed: 5,
         };
         let (mut one, mut same) = (draw::generator(5, 4, 0), draw::generator(5, 4, 0));
         for _ in 0..30 {
             let chosen = [0, 7, 3];
-            let (weights, target, joint) = regression.superposition(&chosen, &mut one);
+            let (weights, target, joint, _) = regression.superposition(&chosen, &mut one);
             assert_eq!(joint, None);
             let again = regression.superposition(&chosen, &mut same);
             assert_eq!((&weights, &target), (&again.0, &again.1));
@@ -482,7 +486,7 @@ mod tests {
             descriptors: &descriptors,
             targets: &pulled,
             basis: &[0, 1],
-            focus: &Focus::new(&pulled, 0.0),
+            focus: &Focus::new(&pulled, 0.0, 0.0),
             settings: &settings,
             seed: 1,
         };
@@ -510,7 +514,7 @@ mod tests {
         );
 
         let regression = Regression {
-            focus: &Focus::new(&pulled, 0.5),
+            focus: &Focus::new(&pulled, 0.5, 0.5),
             ..regression
         };
         let mut adam = AdamState::new(again.parameter_count());

@@ -1,6 +1,7 @@
 //! Stage 2: through the simulator. Network, equilibrium, loss on the surface, and the exact gradient back.
 
 use crate::actuator::{Actuator, Points, Reverse, Samples};
+use crate::balance::Balance;
 use crate::body::Body;
 use crate::draw;
 use crate::error::Result;
@@ -35,7 +36,7 @@ pub struct Step {
 
 /// The gradient of one shape's loss.
 pub struct Gradient {
-    /// By the network's parameters.
+    /// Of the loss times what the shape counts ([`Balance`]), by the network's parameters.
     pub parameters: Vec<f32>,
     /// Where the nodes came to rest.
     pub nodes: Vec<Vector3<f64>>,
@@ -53,18 +54,15 @@ pub enum Outcome {
 
 /// Everything that stays the same between steps.
 pub struct ThroughSimulator<'a> {
-    /// The body.
-    pub body: &'a Body,
-    /// The scene.
-    pub scene: &'a Scene,
+    pub(crate) body: &'a Body,
+    pub(crate) scene: &'a Scene,
     /// Training shapes.
-    pub shapes: &'a [&'a Shape],
-    /// Their descriptors.
-    pub descriptors: &'a [Vec<f32>],
-    /// The solver and what hangs on the joint.
-    pub simulator: Simulator,
+    pub(crate) shapes: &'a [&'a Shape],
+    descriptors: &'a [Vec<f32>],
+    balance: Balance,
+    simulator: Simulator,
     /// Superpositions that are learned along, where the scene wants it.
-    pub blends: Option<&'a Regression<'a>>,
+    blends: Option<&'a Regression<'a>>,
 }
 
 /// Steps of the whole stage.
@@ -72,7 +70,35 @@ pub fn steps(settings: &Stage2, shapes: usize) -> u64 {
     (settings.epochs * shapes) as u64
 }
 
-impl ThroughSimulator<'_> {
+impl<'a> ThroughSimulator<'a> {
+    /// Trains on these shapes, described by these descriptors.
+    ///
+    /// # Errors
+    /// When the effects of the scene do not fit the body.
+    pub fn new(
+        body: &'a Body,
+        scene: &'a Scene,
+        shapes: &'a [&'a Shape],
+        descriptors: &'a [Vec<f32>],
+    ) -> Result<Self> {
+        Ok(Self {
+            balance: Balance::of_motion(body, shapes, scene.stage2.balance),
+            simulator: Simulator::new(body, scene)?,
+            blends: None,
+            body,
+            scene,
+            shapes,
+            descriptors,
+        })
+    }
+
+    /// Learns superpositions of stage 1 along, where the scene wants it.
+    #[must_use]
+    pub fn with_blends(mut self, regression: &'a Regression<'a>) -> Self {
+        self.blends = (self.scene.stage2.blend_weight > 0.0).then_some(regression);
+        self
+    }
+
     /// Does step number `step`: one shape, started from where it was at its last visit.
     ///
     /// # Errors
@@ -111,8 +137,8 @@ impl ThroughSimulator<'_> {
         Ok(Outcome::Stepped(Box::new(found.step)))
     }
 
-    /// The loss of one shape, simulated near `start`, and its gradient by the network's parameters; what is drawn at random depends on the
-    /// number of the step. The inner error says why there is none.
+    /// The loss of one shape, simulated near `start`, and the gradient of what it counts by the network's parameters; what is drawn at random
+    /// depends on the number of the step. The inner error says why there is none.
     ///
     /// # Errors
     /// When something does not fit.
@@ -172,6 +198,8 @@ impl ThroughSimulator<'_> {
             Ok(gradient) => gradient,
             Err(error) => return Ok(Err(error.to_string())),
         };
+        let counts = self.balance.weight(shape) as f32;
+        gradient.iter_mut().for_each(|g| *g *= counts);
         if let Some(blends) = &self.blends {
             let mut generator = draw::generator(self.scene.seed, 5, step);
             let weight = settings.blend_weight / BLENDS_PER_STEP as f64;
@@ -268,6 +296,56 @@ fn draw_by_size(bar: &[f32], count: usize, generator: &mut impl Rng) -> (Vec<usi
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::fixture;
+    use crate::train::network_config;
+    use actuation_net::ActuationNet;
+
+    /// `bent` moves the ball less than `long` does: it counts more, by the power asked, and only its gradient does.
+    #[test]
+    fn a_shape_that_moves_little_counts_more_by_balance() {
+        let gradients = |balance: f64| {
+            let mut scene = fixture::scene("");
+            scene.stage2.balance = balance;
+            let body = fixture::body(&scene);
+            let shapes = fixture::shapes(&scene, &body);
+            let training = shapes.training();
+            let moved = |s: &&Shape| {
+                let off = s.positions.iter().zip(body.surface.vertices());
+                let counted = off.zip(&body.vertex_weights);
+                counted
+                    .map(|((x, r), a)| a * (x - r).norm_squared())
+                    .sum::<f64>()
+            };
+            let moved: Vec<f64> = training.iter().map(moved).collect();
+            let mean = moved.iter().sum::<f64>() / moved.len() as f64;
+            let descriptors = training
+                .iter()
+                .map(|s| shapes.descriptor(&s.positions).unwrap());
+            let descriptors: Vec<Vec<f32>> = descriptors.collect();
+            let net = ActuationNet::new(&network_config(&scene, &shapes), 1).unwrap();
+            let mut simulator =
+                ThroughSimulator::new(&body, &scene, &training, &descriptors).unwrap();
+            let rest = body.mesh.nodes();
+            let of = |shape: usize| simulator.gradient(&net, shape, rest, 0).unwrap().unwrap();
+            let found: Vec<Gradient> = (0..training.len()).map(of).collect();
+            (found, moved.iter().map(|m| m / mean).collect::<Vec<f64>>())
+        };
+        let ((alike, shares), (balanced, _)) = (gradients(0.0), gradients(0.5));
+        assert!(shares[1] < 0.6 * shares[0], "{shares:?}");
+        for ((a, b), share) in alike.iter().zip(&balanced).zip(shares) {
+            assert_eq!(a.step.loss, b.step.loss);
+            let (factor, size) = (share.powf(-0.5) as f32, largest(&a.parameters));
+            let pairs = a.parameters.iter().zip(&b.parameters);
+            let off = pairs
+                .map(|(a, b)| (factor * a - b).abs())
+                .fold(0.0, f32::max);
+            assert!(size > 0.0 && off < 1e-5 * factor * size, "{off} {size}");
+        }
+    }
+
+    fn largest(values: &[f32]) -> f32 {
+        values.iter().fold(0.0, |most, x| most.max(x.abs()))
+    }
 
     /// Many draws of few points come to all of them in the mean, and a point with most of the cotangent is nearly always there.
     #[test]

@@ -12,7 +12,6 @@ use crate::rig::Rig;
 use crate::run::{Metrics, Run};
 use crate::scene::Scene;
 use crate::shapes::{Shape, Shapes};
-use crate::simulator::Simulator;
 use crate::stage1::{self, Pulled, Regression};
 use crate::stage2::{self, Outcome, Step, ThroughSimulator};
 use crate::table::mean_of;
@@ -151,7 +150,7 @@ fn finish(run: &Run) -> Result<Trained> {
             descriptors: &descriptors,
             targets: &pulled,
             basis: &shapes.basis_in_training(),
-            focus: &Focus::new(&pulled, scene.stage1.focus),
+            focus: &Focus::new(&pulled, scene.stage1.focus, scene.stage1.balance),
             settings: &scene.stage1,
             seed: scene.seed,
         };
@@ -402,14 +401,8 @@ impl Session<'_> {
         descriptors: &[Vec<f32>],
     ) -> Result<()> {
         let steps = stage2::steps(&self.scene.stage2, training.len());
-        let mut simulator = ThroughSimulator {
-            body: self.body,
-            scene: self.scene,
-            shapes: training,
-            descriptors,
-            simulator: Simulator::new(self.body, self.scene)?,
-            blends: (self.scene.stage2.blend_weight > 0.0).then_some(regression),
-        };
+        let mut simulator = ThroughSimulator::new(self.body, self.scene, training, descriptors)?
+            .with_blends(regression);
         let percent = 100.0 / self.body.diagonal;
         let mut phase = Phase::new("stage 2", steps, self.state.step);
         while self.state.step < steps {

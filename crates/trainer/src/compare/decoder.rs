@@ -6,7 +6,6 @@ use crate::failures::Failures;
 use crate::focus::Focus;
 use crate::progress::{Phase, note};
 use crate::scene::{Scene, Stage1};
-use crate::simulator::Simulator;
 use crate::stage1::{self, Regression};
 use crate::stage2::{self, Outcome, ThroughSimulator};
 use crate::trained::Trained;
@@ -178,7 +177,7 @@ fn train(
         ..scene.stage1.clone()
     };
     let basis = shapes.basis_in_training();
-    let focus = Focus::new(&pulled, scene.stage1.focus);
+    let focus = Focus::new(&pulled, scene.stage1.focus, scene.stage1.balance);
     let regression = |settings| Regression {
         points: &body.samples,
         descriptors: &descriptors,
@@ -204,14 +203,8 @@ fn train(
     let (stage1_steps, dropped) = regress(&regression, decoder)?;
 
     let hastened: Scene;
-    let mut simulator = ThroughSimulator {
-        body,
-        scene,
-        shapes: &training,
-        descriptors: &descriptors,
-        simulator: Simulator::new(body, scene)?,
-        blends: (scene.stage2.blend_weight > 0.0).then_some(&regression),
-    };
+    let mut simulator =
+        ThroughSimulator::new(body, scene, &training, &descriptors)?.with_blends(&regression);
     let mut warm: Vec<Vec<Vector3<f64>>> = pulled.iter().map(|p| p.nodes.clone()).collect();
     if let Some(left) = left(1.0) {
         let (mut pilot, mut warm) = (decoder.clone(), warm.clone());

@@ -3,7 +3,7 @@
 use super::{Performance, PerformedFrame, Source};
 use crate::body::Body;
 use crate::error::{Result, TrainerError, file_error};
-use crate::files::{write_json, write_whole};
+use crate::files::{remove, write_json, write_whole};
 use crate::progress::{Phase, stop_requested};
 use crate::scene::Scene;
 use crate::shapes::difference;
@@ -148,9 +148,7 @@ pub(crate) fn write(
 ) -> Result<()> {
     let folder = &performance.folder;
     let numbers_path = folder.join("performance.json");
-    if numbers_path.exists() {
-        std::fs::remove_file(&numbers_path).map_err(file_error("remove", &numbers_path))?;
-    }
+    remove(&numbers_path)?;
     write_animation(&folder.join("animation.glb"), body, performance)?;
     let names: Vec<String> = (1..=pictures.frames.len()).map(frame_file).collect();
     for (name, picture) in names.iter().zip(&pictures.frames) {
@@ -207,7 +205,7 @@ fn remove_others(folder: &Path, names: &HashSet<String>) -> Result<()> {
         let is_frame =
             digits.is_some_and(|d| d.len() >= 4 && d.chars().all(|c| c.is_ascii_digit()));
         if is_frame && !names.contains(&*name) {
-            std::fs::remove_file(&path).map_err(file_error("remove", &path))?;
+            remove(&path)?;
         }
     }
     Ok(())

@@ -56,6 +56,16 @@ fn values_that_make_no_sense_are_refused() {
             "element_size = 0.1\nsamples = 9",
             "mesh.samples",
         ),
+        (
+            "width = 64",
+            "width = 64\n[stage1]\nbalance = 1.5",
+            "stage1.balance",
+        ),
+        (
+            "width = 64",
+            "width = 64\n[stage2]\nbalance = -0.5",
+            "stage2.balance",
+        ),
     ] {
         let message = error_of(&GOOD.replace(from, to));
         assert!(message.contains(expected), "{message}");
