@@ -153,7 +153,8 @@ fn main() -> ExitCode {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
             eprintln!("error: {}", surface_mesh::printable(&error.to_string()));
-            ExitCode::FAILURE
+            let interrupted = matches!(error, AccuracyError::Stopped);
+            ExitCode::from(if interrupted { 130 } else { 1 })
         }
     }
 }

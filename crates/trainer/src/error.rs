@@ -318,6 +318,9 @@ pub enum TrainerError {
     /// An evaluation stopped by the user.
     #[error("stopped before the evaluation was finished: what an earlier one wrote is unchanged")]
     EvaluationStopped,
+    /// The fit of a grid stopped by the user.
+    #[error("stopped before the grid was fitted: nothing is written")]
+    GridStopped,
     /// A comparison stopped by the user.
     #[error(
         "stopped before the comparison was finished: no table is new; a decoder that was trained to its end is kept"

@@ -7,14 +7,14 @@ use crate::body::Body;
 use crate::dial::with_element_size;
 use crate::error::{Result, TrainerError};
 use crate::loss::mean_distance;
-use crate::progress::note;
+use crate::progress::{note, stop_requested};
 use crate::rig::Rig;
 use crate::scene::Scene;
 use crate::simulator::Simulator;
 use crate::units::Length;
 use actuation_net::{JOINT_SIZE, Output};
 use nalgebra::Vector3;
-use pd_solver::{SolveOptions, Stop};
+use pd_solver::{SolveOptions, Status, Stop};
 use scene_shapes::actuation::waves;
 use std::path::Path;
 use surface_mesh::{MorphTarget, MorphedSurface};
@@ -83,7 +83,7 @@ impl FittedGrid {
 /// mean over the vertices.
 ///
 /// # Errors
-/// When the body cannot be built or simulated, and when the accuracy asks for more than half a million elements.
+/// When the body cannot be built or simulated, when the accuracy asks for more than half a million elements, and when the user asked to stop.
 pub fn fit_element_size(
     scene: &Scene,
     inputs: &MorphedSurface,
@@ -98,6 +98,7 @@ pub fn fit_element_size(
         let is_coarse = element_size > scene.mesh.element_size * (1.0 + 1e-9);
         let here = match OnGrid::new(scene, inputs, rig, element_size, amplitude, accuracy) {
             Ok(here) => here,
+            Err(TrainerError::GridStopped) => return Err(TrainerError::GridStopped),
             // Bones, regions and thin parts may be too small for grids that nobody asked for.
             Err(_) if is_coarse => {
                 (tried, before) = (Vec::new(), None);
@@ -244,10 +245,19 @@ fn deformed(
         actuation: actuation.iter().flatten().map(|&b| b as f32).collect(),
         joint: [0.0; JOINT_SIZE],
     };
+    if stop_requested() {
+        return Err(TrainerError::GridStopped);
+    }
     let options = SolveOptions::new(Stop::Accuracy(SOLVER * accuracy));
     let mut simulator = Simulator::new(body, scene)?;
-    let found = simulator.equilibrium(&answer, None, &options)?;
-    Ok(body.surface_positions(&found.solution.positions))
+    let solution = simulator.equilibrium(&answer, None, &options)?.solution;
+    if solution.status != Status::Converged {
+        note(&format!(
+            "its equilibrium is {:?}: what it tells may be wrong",
+            solution.status
+        ));
+    }
+    Ok(body.surface_positions(&solution.positions))
 }
 
 /// How far the shape moves the surface that moves it most.

@@ -309,6 +309,7 @@ fn main() -> ExitCode {
                 error,
                 TrainerError::Interrupted { .. }
                     | TrainerError::EvaluationStopped
+                    | TrainerError::GridStopped
                     | TrainerError::ComparisonStopped
             );
             ExitCode::from(if interrupted { 130 } else { 1 })
