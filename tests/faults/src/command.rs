@@ -1,20 +1,20 @@
 //! The command line: every fault, and a table of what came of it.
 
 use crate::setting::Setting;
-use crate::{Result, Verdict, disk, kills, leave, limit, second};
+use crate::{Result, Verdict, asked, disk, kills, leave, limit, second};
 use clap::Parser;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
 /// Kills trainings at random moments, fills their disk, takes their leave to write; every run is resumed and has to end with the bytes
-/// of one undisturbed. Ends with exit code 1 where one does not.
+/// of one undisturbed. Kills evaluations and comparisons too, which have to damage nothing. Ends with exit code 1 where one does not.
 #[derive(Parser)]
 #[command(name = "myofield-faults", max_term_width = 100)]
 struct Cli {
     /// How many kills.
     #[arg(long, default_value_t = 200)]
     kills: u32,
-    /// How many trainings each other fault ends.
+    /// How many trainings each other fault ends, and how often each question to a trained run is killed.
     #[arg(long, default_value_t = 8)]
     faults: u32,
     /// Settles the moments.
@@ -66,6 +66,10 @@ fn run(cli: &Cli) -> Result<()> {
         );
     })?;
     tell("kill -9", &kills.verdict());
+    tell(
+        "of questions",
+        &asked::kill_questions(&setting, cli.faults, cli.seed)?,
+    );
     println!("every run ended with the same bytes, but for what a clock said");
     Ok(())
 }

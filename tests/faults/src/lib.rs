@@ -1,10 +1,11 @@
 //! What may end a training from outside, at any moment: kill -9, a full disk, a folder that becomes read-only, a limit on the size of
 //! files, a second training in the same folder. Each is done to a small scene again and again; the run is then resumed, and has to end
-//! with the bytes of one undisturbed.
+//! with the bytes of one undisturbed. What is asked of a trained run is killed too, and asked again.
 //!
 //! `cargo xtask faults` runs all of it and prints a table; the tests of this package run a little of each.
 #![cfg(unix)]
 
+pub mod asked;
 pub mod command;
 pub mod disk;
 pub mod kills;

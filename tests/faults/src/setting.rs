@@ -1,15 +1,19 @@
 //! The scene, the program and the undisturbed run that all others are compared with.
 
 use crate::Result;
-use crate::same::{differences, recorded};
+use crate::same::{recorded, same};
 use myofield_tests::TinyScene;
+use std::ffi::OsStr;
 use std::os::unix::fs::PermissionsExt;
+use std::os::unix::process::ExitStatusExt;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, ExitStatus, Stdio};
 use std::time::{Duration, Instant};
 
 /// Passes of both stages: most of the time is training, yet start and evaluation are a good part of it.
 const EPOCHS: [usize; 2] = [12, 5];
+
+const SIGKILL: i32 = 9;
 
 /// A scene to train, a copy of the program, and what an undisturbed run of it leaves.
 pub struct Setting {
@@ -30,7 +34,7 @@ pub struct Start {
     pub shell: Option<String>,
 }
 
-/// How a training ended.
+/// How the program ended.
 #[derive(Debug)]
 pub struct Ended {
     /// How the process ended.
@@ -40,6 +44,28 @@ pub struct Ended {
 }
 
 impl Ended {
+    /// Nothing, where it ended well.
+    ///
+    /// # Errors
+    /// Says how it ended otherwise.
+    pub fn succeeds(&self) -> Result<()> {
+        match self.status.success() {
+            true => Ok(()),
+            false => Err(format!("it failed ({}):\n{}", self.status, self.said)),
+        }
+    }
+
+    /// Whether `kill -9` ended it; no where it had ended well before.
+    ///
+    /// # Errors
+    /// When it ended in any other way.
+    pub fn was_killed(&self) -> Result<bool> {
+        match self.status.signal() {
+            Some(SIGKILL) => Ok(true),
+            _ => self.succeeds().map(|()| false),
+        }
+    }
+
     /// The line of error, where it refused with exactly one, at the end.
     ///
     /// # Errors
@@ -49,7 +75,7 @@ impl Ended {
         match (errors.next(), errors.next(), self.status.code()) {
             (Some(line), None, Some(1)) => Ok(line),
             _ => Err(format!(
-                "a training ended without one error ({}):\n{}",
+                "it ended without one error ({}):\n{}",
                 self.status, self.said
             )),
         }
@@ -119,6 +145,24 @@ impl Setting {
     /// # Errors
     /// When the program does not start.
     pub fn start_as(&self, run: &Path, start: &Start, is_resumed: bool) -> Result<Child> {
+        let scene = self.scene.scene();
+        let mut arguments = vec![
+            "train".as_ref(),
+            scene.as_os_str(),
+            "--out".as_ref(),
+            run.as_os_str(),
+        ];
+        if is_resumed {
+            arguments.push("--resume".as_ref());
+        }
+        self.spawn(&arguments, start)
+    }
+
+    /// Starts the program with these arguments, in the folder of the scene.
+    ///
+    /// # Errors
+    /// When it does not start.
+    pub fn spawn(&self, arguments: &[&OsStr], start: &Start) -> Result<Child> {
         let mut command = match &start.shell {
             None => Command::new(&self.program),
             Some(words) => {
@@ -128,11 +172,7 @@ impl Setting {
                 shell
             }
         };
-        command.arg("train").arg(self.scene.scene()).arg("--out");
-        command.arg(run);
-        if is_resumed {
-            command.arg("--resume");
-        }
+        command.args(arguments);
         if let Some(threads) = start.threads {
             command.env("RAYON_NUM_THREADS", threads.to_string());
         }
@@ -154,14 +194,12 @@ impl Setting {
     /// # Errors
     /// When the training fails.
     pub fn finish(&self, run: &Path, start: &Start) -> Result<()> {
-        let ended = wait(self.start(run, start)?)?;
-        match ended.status.success() {
-            true => Ok(()),
-            false => Err(format!(
-                "a training failed ({}):\n{}",
-                ended.status, ended.said
-            )),
-        }
+        wait(self.start(run, start)?)?.succeeds()
+    }
+
+    /// The undisturbed run.
+    pub fn undisturbed(&self) -> &Path {
+        &self.expected
     }
 
     /// Fails unless a run has left the same bytes as the undisturbed one.
@@ -169,11 +207,7 @@ impl Setting {
     /// # Errors
     /// Names the first differences.
     pub fn compare(&self, run: &Path) -> Result<()> {
-        let found = differences(run, &self.expected);
-        match found.is_empty() {
-            true => Ok(()),
-            false => Err(format!("other bytes:\n{}", found.join("\n"))),
-        }
+        same(run, &self.expected)
     }
 
     /// Goes on with a run to its end, compares it and removes it.
@@ -187,7 +221,7 @@ impl Setting {
     }
 }
 
-/// Waits for a training.
+/// Waits for the program.
 ///
 /// # Errors
 /// When the system does not tell how it ended.

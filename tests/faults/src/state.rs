@@ -59,7 +59,7 @@ pub fn left(run: &Path) -> Result<Left> {
     Ok(left)
 }
 
-/// Header, the trainer's own entry of it, and data of a checkpoint.
+/// Header, the trainer's own entry of it, and data of a checkpoint or of a decoder that is kept.
 ///
 /// # Errors
 /// When the file is not whole.
@@ -79,12 +79,16 @@ pub fn split(bytes: &[u8]) -> Result<(Value, Value, &[u8])> {
     Ok((header, training.ok_or_else(broken)?, data))
 }
 
-fn has_unfinished(folder: &Path) -> bool {
+/// Whether a file or folder below this one was not finished.
+pub(crate) fn has_unfinished(folder: &Path) -> bool {
     let entries = std::fs::read_dir(folder).into_iter().flatten().flatten();
-    entries.map(|entry| entry.path()).any(|path| {
-        let name = path.file_name().unwrap_or_default().to_string_lossy();
-        let is_unfinished = [".part-", ".probe-"].iter();
-        is_unfinished.into_iter().any(|p| name.starts_with(p))
-            || path.is_dir() && has_unfinished(&path)
-    })
+    let mut paths = entries.map(|entry| entry.path());
+    paths.any(|path| is_unfinished(&path) || path.is_dir() && has_unfinished(&path))
+}
+
+/// Whether a file has the name of one that was not finished.
+pub(crate) fn is_unfinished(path: &Path) -> bool {
+    let name = path.file_name().unwrap_or_default().to_string_lossy();
+    let begins = |prefix: &&str| name.starts_with(prefix);
+    [".part-", ".probe-"].iter().any(begins)
 }

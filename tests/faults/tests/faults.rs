@@ -2,7 +2,7 @@
 #![cfg(unix)]
 
 use myofield_faults::setting::Setting;
-use myofield_faults::{Verdict, disk, kills, leave, limit, second};
+use myofield_faults::{Verdict, asked, disk, kills, leave, limit, second};
 use myofield_tests::program;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
@@ -32,6 +32,12 @@ fn a_training_killed_at_random_moments_ends_with_the_same_bytes() {
     let kills = kills::kill_trainings(&setting, 8, 7, |_| ()).unwrap();
     assert_eq!(kills.count, 8);
     held(kills.verdict());
+}
+
+#[test]
+fn a_question_to_a_run_that_is_killed_damages_nothing_and_is_answered_with_the_same_bytes() {
+    let _one = one_at_a_time();
+    held(asked::kill_questions(&setting(), 2, 7).unwrap());
 }
 
 #[test]
