@@ -89,3 +89,27 @@ pub fn remove_unfinished(folder: &Path) -> Result<()> {
     }
     Ok(())
 }
+
+/// Removes the pictures of a series whose numbers are above `last`: those that `name` gives for them, which is `PREFIX-`, the number and
+/// `.png`. Gaps do not matter: a process that was killed at this leaves some.
+///
+/// # Errors
+/// When the folder cannot be read or one cannot be removed.
+pub fn remove_beyond(
+    folder: &Path,
+    prefix: &str,
+    last: usize,
+    name: impl Fn(usize) -> String,
+) -> Result<()> {
+    let entries = std::fs::read_dir(folder).map_err(file_error("read the folder", folder))?;
+    for path in entries.flatten().map(|entry| entry.path()) {
+        let found = path.file_name().unwrap_or_default().to_string_lossy();
+        let digits = (found.strip_prefix(prefix))
+            .and_then(|rest| rest.strip_prefix('-')?.strip_suffix(".png"));
+        let number = digits.and_then(|digits| digits.parse().ok());
+        if number.is_some_and(|n| n > last && name(n) == found) {
+            remove(&path)?;
+        }
+    }
+    Ok(())
+}

@@ -3,7 +3,7 @@
 use crate::body::Body;
 use crate::error::{Result, file_error};
 use crate::evaluate::ShapeResult;
-use crate::files::remove;
+use crate::files::remove_beyond;
 use crate::loss::distances;
 use crate::run::Run;
 use crate::scene::Scene;
@@ -81,17 +81,11 @@ pub(crate) fn write_pages(
         });
     }
     let pages = sheet.render()?;
+    let name = |number: usize| format!("{prefix}-{number}.png");
     for (i, page) in pages.iter().enumerate() {
-        page.write_png(folder.join(format!("{prefix}-{}.png", i + 1)))?;
+        page.write_png(folder.join(name(i + 1)))?;
     }
-    for stale in pages.len() + 1.. {
-        let path = folder.join(format!("{prefix}-{stale}.png"));
-        if !path.exists() {
-            return Ok(());
-        }
-        remove(&path)?;
-    }
-    Ok(())
+    remove_beyond(folder, prefix, pages.len(), name)
 }
 
 fn note(result: &ShapeResult) -> String {
@@ -197,8 +191,10 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let scene = fixture::scene("");
         let body = fixture::body(&scene);
-        for stale in 2..4 {
-            std::fs::write(folder.path().join(format!("sheet-{stale}.png")), "old").unwrap();
+        // One is gone already: a process was killed while it removed them. The last two are nobody's page.
+        let stale = ["2", "4", "12", "02", "x"].map(|n| format!("sheet-{n}.png"));
+        for name in &stale {
+            std::fs::write(folder.path().join(name), "old").unwrap();
         }
         let rest = body.surface.vertices().to_vec();
         let mut result = fixture::result("long", ShapeSet::Train);
@@ -206,8 +202,9 @@ mod tests {
         result.target = rest;
         write(folder.path(), &scene, &body, &[result]).unwrap();
         let files = std::fs::read_dir(folder.path()).unwrap();
-        let names: Vec<_> = files.map(|f| f.unwrap().file_name()).collect();
-        assert_eq!(names, ["sheet-1.png"]);
+        let mut names: Vec<_> = files.map(|f| f.unwrap().file_name()).collect();
+        names.sort();
+        assert_eq!(names, ["sheet-02.png", "sheet-1.png", "sheet-x.png"]);
     }
 
     #[test]

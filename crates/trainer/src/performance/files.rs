@@ -3,14 +3,13 @@
 use super::{Performance, PerformedFrame, Source};
 use crate::body::Body;
 use crate::error::{Result, TrainerError, file_error};
-use crate::files::{remove, write_json, write_whole};
+use crate::files::{remove, remove_beyond, write_json, write_whole};
 use crate::progress::{Phase, stop_requested};
 use crate::scene::Scene;
 use crate::shapes::difference;
 use pd_solver::Status;
 use report::{CLAY, Camera, Colours, ContactSheet, Mesh, Panel, render};
 use serde::Serialize;
-use std::collections::HashSet;
 use std::path::Path;
 use surface_mesh::{FrameAnimation, MorphTarget, MorphedSurface, write_animated_glb};
 
@@ -150,12 +149,11 @@ pub(crate) fn write(
     let numbers_path = folder.join("performance.json");
     remove(&numbers_path)?;
     write_animation(&folder.join("animation.glb"), body, performance)?;
-    let names: Vec<String> = (1..=pictures.frames.len()).map(frame_file).collect();
-    for (name, picture) in names.iter().zip(&pictures.frames) {
-        write_whole(&folder.join(name), picture)?;
+    for (i, picture) in pictures.frames.iter().enumerate() {
+        write_whole(&folder.join(frame_file(i + 1)), picture)?;
     }
     write_whole(&folder.join("contact-sheet.png"), &pictures.sheet)?;
-    remove_others(folder, &names.into_iter().collect())?;
+    remove_beyond(folder, "frame", pictures.frames.len(), frame_file)?;
     let (source, target) = match performance.source {
         Source::Curves(_) => ("curves", "linear blend of the frame's shapes"),
         Source::Path(_) => ("blend", "linear blend of the two shapes around the frame"),
@@ -192,23 +190,6 @@ fn write_animation(path: &Path, body: &Body, performance: &Performance) -> Resul
 
 fn frame_file(number: usize) -> String {
     format!("frame-{number:04}.png")
-}
-
-/// Removes pictures of frames that are not among `names`.
-fn remove_others(folder: &Path, names: &HashSet<String>) -> Result<()> {
-    let entries = std::fs::read_dir(folder).map_err(file_error("read the folder", folder))?;
-    for path in entries.flatten().map(|entry| entry.path()) {
-        let name = path.file_name().unwrap_or_default().to_string_lossy();
-        let digits = name
-            .strip_prefix("frame-")
-            .and_then(|n| n.strip_suffix(".png"));
-        let is_frame =
-            digits.is_some_and(|d| d.len() >= 4 && d.chars().all(|c| c.is_ascii_digit()));
-        if is_frame && !names.contains(&*name) {
-            remove(&path)?;
-        }
-    }
-    Ok(())
 }
 
 #[cfg(test)]
