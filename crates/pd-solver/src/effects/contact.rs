@@ -362,3 +362,6 @@ impl Effect for Contact {
             + 2 * self.topology.rest.len() * size_of::<Vector3<f64>>()
     }
 }
+
+#[cfg(test)]
+mod tests;

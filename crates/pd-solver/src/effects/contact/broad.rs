@@ -178,3 +178,6 @@ fn pierce(segment: &[Vector3<f64>; 2], triangle: &[Vector3<f64>; 3]) -> bool {
     let size = (b - a).norm_squared().max((c - a).norm_squared());
     squared <= ROUNDOFF * ROUNDOFF * size.max(along.norm_squared())
 }
+
+#[cfg(test)]
+mod tests;

@@ -29,7 +29,7 @@ pub(crate) fn free_share(kind: Kind, x: &Quad, p: &Quad, limit: f64) -> f64 {
     if apart(kind, x, &p, kept) {
         return limit;
     }
-    let (mut share, mut step) = (0.0, (1.0 - KEPT) * distance / motion);
+    let (mut share, mut step) = (0.0_f64, (1.0 - KEPT) * distance / motion);
     for _ in 0..MAX_ADDITIONS {
         // What is seen on the way must not hang on the limit, so that the least of many does not hang on their order.
         let next = (share + step).min(1.0);

@@ -146,3 +146,6 @@ impl Contact {
         found.expect("vertices and edges are those of triangles") as u32
     }
 }
+
+#[cfg(test)]
+mod tests;

@@ -130,4 +130,4 @@ fn comes_within(
 }
 
 #[cfg(test)]
-mod tests;
+pub(super) mod tests;

@@ -209,3 +209,6 @@ impl Contact {
         self.left_out = found.iter().map(|t| self.triangles[*t as usize]).collect();
     }
 }
+
+#[cfg(test)]
+mod tests;

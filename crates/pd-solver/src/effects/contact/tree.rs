@@ -63,7 +63,7 @@ impl Moving {
     }
 
     /// Whether both share a point at some moment.
-    fn meets(&self, other: &Self) -> bool {
+    pub(super) fn meets(&self, other: &Self) -> bool {
         // Between these moments nothing yet seen keeps them apart.
         let (mut first, mut last) = (0.0_f64, 1.0_f64);
         for axis in 0..3 {

@@ -31,7 +31,7 @@ pub(crate) fn flat(x: &Quad) -> Gradient {
 }
 
 /// Fourth-order central difference at zero.
-pub(crate) fn slope(step: f64, f: impl Fn(f64) -> f64) -> f64 {
+pub(crate) fn slope(step: f64, mut f: impl FnMut(f64) -> f64) -> f64 {
     (8.0 * (f(step) - f(-step)) - (f(2.0 * step) - f(-2.0 * step))) / (12.0 * step)
 }
 

@@ -126,7 +126,7 @@ fn a_list_is_made_when_it_does_not_serve() {
 }
 
 /// Triangles of the body and of an obstacle, spread at random.
-fn scattered() -> Topology {
+pub(crate) fn scattered() -> Topology {
     let mut numbers = Numbers(23);
     let corners = |_| {
         let place = numbers.quad()[0];

@@ -43,6 +43,29 @@ fn moving_boxes_meet_where_they_do_at_a_moment() {
     );
 }
 
+/// Boxes with a side in common share points: all the time, before they part, and when one comes.
+#[test]
+fn boxes_that_touch_meet() {
+    let from = [0.0, 1.0, 1.0, 2.0, 1.5].map(|x| Vector3::new(x, 0.0, 0.0));
+    let to = [0.0, 1.0, 1.5, 2.0, 1.0].map(|x| Vector3::new(x, 0.0, 0.0));
+    let still = Motion::at(&from);
+    assert!(
+        still
+            .around(&[0, 1], 0.0)
+            .meets(&still.around(&[2, 3], 0.0))
+    );
+    let moving = Motion {
+        from: &from,
+        to: &to,
+    };
+    let one = moving.around(&[0, 1], 0.0);
+    for other in [[2, 3], [4, 3]] {
+        let other = moving.around(&other, 0.0);
+        assert!(one.meets(&other) && other.meets(&one));
+    }
+    assert!(!one.meets(&moving.around(&[3], 0.0)));
+}
+
 #[test]
 fn a_tree_gives_what_a_loop_over_all_gives() {
     for count in [0, 1, 2, 3, 7, 300] {
