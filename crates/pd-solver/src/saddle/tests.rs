@@ -238,6 +238,55 @@ fn a_step_off_a_saddle_stays_between_walls() {
     assert!(near > 3 && far > 3, "{near} {far}");
 }
 
+/// A step is not doubled into the last tenth of the gap, though there the wall is not yet felt and the energy is less, in whatever units the
+/// direction is.
+#[test]
+fn a_step_off_a_saddle_is_not_doubled_into_the_last_of_a_gap() {
+    let mut limited = 0;
+    for (pressed, seed) in [0.3, 0.35, 0.4, 0.45, 0.5, 0.55, 0.6]
+        .into_iter()
+        .flat_map(|pressed| (0..10).map(move |seed| (pressed, seed)))
+    {
+        let (mut free, straight) = column(pressed, vec![]);
+        let Some(step) = step_off(&mut free, &straight, seed) else {
+            continue;
+        };
+        let doublings = step.doublings();
+        let Step {
+            direction, signed, ..
+        } = step;
+        let aside = direction.iter().map(|d| d.y.abs()).fold(0.0, f64::max);
+        // Some buckle along z, where there is no wall.
+        if doublings < 0.5 || aside < 0.5 * max_norm(&direction) {
+            continue;
+        }
+        let gap = signed.abs() * aside / 0.95;
+        let (mut solver, _) = column(pressed, walls(gap, gap));
+        for unit in [1.0, 1e-3, 1e3] {
+            let method = Method::Lbfgs;
+            let before = energy(&mut solver, &straight);
+            // What makes room in the space to work in.
+            solver.look(method, &straight, seed);
+            let mut scaled = direction.clone();
+            scaled.iter_mut().for_each(|d| *d *= unit);
+            solver.parts(method).2.krylov.d = scaled;
+            let mut to = straight.clone();
+            assert!(solver.step_off(method, &mut to, before));
+            let mut at = |share: f64| {
+                let mut u = straight.clone();
+                add_scaled(&straight, share * signed, &direction, &mut u);
+                (energy(&mut solver, &u), u)
+            };
+            let ((half, expected), (whole, _)) = (at(0.5), at(1.0));
+            assert!(whole < half && half < before);
+            let off = to.iter().zip(&expected).map(|(a, b)| (a - b).norm());
+            assert!(off.fold(0.0, f64::max) < 1e-9, "{pressed} {seed} {unit}");
+            limited += 1;
+        }
+    }
+    assert!(limited > 2, "{limited}");
+}
+
 /// Many steps, or samples inside out where nothing else was looked at, are reasons to look; an easy solve is none.
 #[test]
 fn a_solve_looks_for_a_saddle_after_many_steps_or_when_inside_out() {

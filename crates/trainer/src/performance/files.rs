@@ -2,7 +2,7 @@
 
 use super::{Performance, PerformedFrame, Source};
 use crate::body::Body;
-use crate::error::{Result, TrainerError, file_error};
+use crate::error::{Result, TrainerError};
 use crate::files::{remove, remove_beyond, write_json, write_whole};
 use crate::progress::{Phase, stop_requested};
 use crate::scene::Scene;
