@@ -49,14 +49,14 @@ impl Kept {
     pub fn network(
         &self,
         name: &str,
-        train: impl FnOnce(Unfinished) -> Result<ActuationNet>,
+        train: impl FnOnce(&Unfinished) -> Result<ActuationNet>,
     ) -> Result<ActuationNet> {
         let path = self.folder.join(format!("{name}.safetensors"));
         if path.exists() {
             return Ok(ActuationNet::load(&path)?);
         }
         let unfinished = Unfinished::new(self.folder.join(format!("{name}.unfinished")), BETWEEN);
-        let net = train(unfinished.clone())?;
+        let net = train(&unfinished)?;
         net.save(&path)?;
         remove(&unfinished.path)?;
         Ok(net)
@@ -92,7 +92,7 @@ impl InTraining {
 }
 
 /// Where a network in training is kept until it is done.
-#[derive(Debug, Clone)]
+#[derive(Debug)]
 pub struct Unfinished {
     path: PathBuf,
     between: Duration,

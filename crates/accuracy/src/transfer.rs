@@ -221,7 +221,7 @@ pub fn transfer(
     told("the network of the finest grid");
     let fine = grid(finest, case.plan.passes)?;
     let of_finest = case.kept.network("finest", |unfinished| {
-        case.trained(start, std::slice::from_ref(&fine), &unfinished)
+        case.trained(start, std::slice::from_ref(&fine), unfinished)
     })?;
     let coarse = grid(FIGURE[0].1, case.plan.passes)?;
     let range = ResolutionRange {
@@ -238,7 +238,7 @@ pub fn transfer(
         let grids = counts.iter().map(|&count| grid(count, passes));
         let grids = grids.collect::<Result<Vec<_>>>()?;
         let untrained = of_finest.with_resolution(range, subject.scene.seed)?;
-        case.trained(&untrained, &grids, &unfinished)
+        case.trained(&untrained, &grids, unfinished)
     })?;
     subject.write_run(&folder.join("conditioned"), &conditioned)?;
 
@@ -250,7 +250,7 @@ pub fn transfer(
         let own = match from == finest {
             true => of_finest.clone(),
             false => case.kept.network(&format!("own-{from}"), |unfinished| {
-                case.trained(start, std::slice::from_ref(&source), &unfinished)
+                case.trained(start, std::slice::from_ref(&source), unfinished)
             })?,
         };
         let name = format!("transferred-{from}-{to}");
@@ -268,7 +268,7 @@ pub fn transfer(
             true => {
                 let name = format!("alone-{}", i + 1);
                 let own = case.kept.network(&name, |unfinished| {
-                    case.trained(start, std::slice::from_ref(&place), &unfinished)
+                    case.trained(start, std::slice::from_ref(&place), unfinished)
                 })?;
                 Some(
                     case.simulated(&place, |d, grid| evaluated(&own, d, grid))?
@@ -376,7 +376,7 @@ impl Case<'_> {
         target: &Grid,
     ) -> Result<Direction> {
         let retrained = self.kept.network(name, |unfinished| {
-            self.trained(own, std::slice::from_ref(target), &unfinished)
+            self.trained(own, std::slice::from_ref(target), unfinished)
         })?;
         let way = |name, found: (Errors, Vec<Vec<Vector3<f64>>>)| Way {
             name,
