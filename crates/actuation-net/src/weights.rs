@@ -13,6 +13,16 @@ use crate::{
 /// Metadata key, behind the prefix, of a network's configuration in JSON.
 const CONFIG_KEY: &str = "config";
 
+impl NetworkConfig {
+    /// The configuration of the network in the part of a file under `prefix`, as it is stored: not validated.
+    ///
+    /// # Errors
+    /// [`Error::MissingMetadata`] and [`Error::MalformedConfig`].
+    pub fn from_file(file: &TensorFile, prefix: &str) -> Result<Self, Error> {
+        stored_config(file, prefix)
+    }
+}
+
 impl ActuationNet {
     /// Writes configuration and weights to a safetensors file, whole or not at all.
     ///
@@ -54,8 +64,7 @@ impl ActuationNet {
     /// [`Error::MissingMetadata`], [`Error::MalformedConfig`], those of [`NetworkConfig::validate`],
     /// [`Error::UnknownTensor`] for any other tensor under the prefix, and those of [`TensorFile::f32_tensor`].
     pub fn from_file(file: &TensorFile, prefix: &str) -> Result<Self, Error> {
-        let config: NetworkConfig = stored_config(file, prefix)?;
-        Self::from_file_with(file, prefix, &config)
+        Self::from_file_with(file, prefix, &NetworkConfig::from_file(file, prefix)?)
     }
 
     /// [`ActuationNet::from_file`] for a caller who knows what configuration the file should have.
@@ -70,7 +79,7 @@ impl ActuationNet {
         config.validate()?;
         let parameters = stored_parameters(file, prefix, &config.parameter_layout())?;
         // Equal shapes leave only these to differ.
-        let found = stored_config::<NetworkConfig>(file, prefix)?;
+        let found = NetworkConfig::from_file(file, prefix)?;
         let numbers = |config: &NetworkConfig| {
             let range = config.resolution.unwrap_or(ResolutionRange {
                 coarse: 0.0,

@@ -170,6 +170,35 @@ pub struct Regression<'a> {
     pub seed: u64,
 }
 
+/// What the network is to answer to a descriptor at some samples.
+struct Lesson<'a> {
+    descriptor: &'a [f32],
+    /// Six values per sample.
+    actuation: &'a [f32],
+    joint: JointAnswer,
+}
+
+/// Shapes of the basis, added with weights.
+#[cfg_attr(test, derive(Debug, PartialEq))]
+struct Superposition {
+    /// The weights.
+    descriptor: Vec<f32>,
+    actuation: Vec<f32>,
+    joint: JointAnswer,
+    /// What it counts, by its members.
+    counts: f64,
+}
+
+impl Superposition {
+    fn lesson(&self) -> Lesson<'_> {
+        Lesson {
+            descriptor: &self.descriptor,
+            actuation: &self.actuation,
+            joint: self.joint,
+        }
+    }
+}
+
 impl Regression<'_> {
     /// Does step number `step` and returns the loss before it: the mean squared Frobenius distance of the actuations
     /// at the points drawn, by the weights of the shapes.
@@ -208,10 +237,13 @@ impl Regression<'_> {
         for &shape in &batch {
             let chosen = self.focus.draw(&mut generator, self.settings.points);
             let target = gather(&self.targets[shape].actuation, &chosen, 6);
-            let joint = self.targets[shape].joint;
-            let learned = (self.descriptors[shape].as_slice(), target.as_slice(), joint);
+            let lesson = Lesson {
+                descriptor: &self.descriptors[shape],
+                actuation: &target,
+                joint: self.targets[shape].joint,
+            };
             let weight = self.focus.balance().weight(shape) / count;
-            loss += self.add_misfit(net, &chosen, learned, weight, &mut gradient)?;
+            loss += self.add_misfit(net, &chosen, &lesson, weight, &mut gradient)?;
         }
         let blends = self.settings.blends;
         loss += self.add_superpositions(net, blends, &mut generator, 1.0 / count, &mut gradient)?;
@@ -250,36 +282,27 @@ impl Regression<'_> {
         let mut loss = 0.0;
         for _ in 0..count {
             let chosen = self.focus.draw(generator, self.settings.points);
-            let (descriptor, target, joint, counts) = self.superposition(&chosen, generator);
-            let learned = (descriptor.as_slice(), target.as_slice(), joint);
-            let weight = weight * counts;
-            loss += self.add_misfit(net, &chosen, learned, weight, gradient)?;
+            let sum = self.superposition(&chosen, generator);
+            loss += self.add_misfit(net, &chosen, &sum.lesson(), weight * sum.counts, gradient)?;
         }
         Ok(loss)
     }
 
-    /// Random weights over the basis, two to four of them not zero, the weighted sums of the actuations at some samples and of the joint's
-    /// parameters, and what the superposition counts.
-    fn superposition(
-        &self,
-        chosen: &[usize],
-        generator: &mut impl Rng,
-    ) -> (Vec<f32>, Vec<f32>, JointAnswer, f64) {
+    /// Random weights over the basis, two to four of them not zero, with the weighted sums at some samples.
+    fn superposition(&self, chosen: &[usize], generator: &mut impl Rng) -> Superposition {
         let size = self.basis.len();
         let members = generator.random_range(2..=4).min(size);
         let order = draw::order(generator, size);
-        let mut weights = vec![0.0; size];
-        let mut target = vec![0.0; chosen.len() * 6];
+        let mut descriptor = vec![0.0; size];
+        let mut actuation = vec![0.0; chosen.len() * 6];
         let mut joint: JointAnswer = None;
         let members = &order[..members];
         for &member in members {
             let weight = generator.random_range(0.0..=1.0);
-            weights[member] = weight;
+            descriptor[member] = weight;
             let part = gather(&self.targets[self.basis[member]].actuation, chosen, 6);
-            target
-                .iter_mut()
-                .zip(part)
-                .for_each(|(t, p)| *t += weight * p);
+            let sums = actuation.iter_mut().zip(part);
+            sums.for_each(|(sum, part)| *sum += weight * part);
             if let Some(own) = self.targets[self.basis[member]].joint {
                 let sum = joint.get_or_insert_default();
                 sum.iter_mut().zip(own).for_each(|(s, x)| *s += weight * x);
@@ -287,23 +310,29 @@ impl Regression<'_> {
         }
         let members = members.iter().map(|&member| self.basis[member]);
         let counts = self.focus.balance().weight_of(members);
-        (weights, target, joint, counts)
+        Superposition {
+            descriptor,
+            actuation,
+            joint,
+            counts,
+        }
     }
 
-    /// Adds the gradient of `weight` times the mean squared distance of the network from a target at some samples.
+    /// Adds the gradient of `weight` times the mean squared distance of the network from a lesson at some samples.
     fn add_misfit(
         &self,
         net: &impl Actuator,
         chosen: &[usize],
-        (descriptor, target, joint): (&[f32], &[f32], JointAnswer),
+        lesson: &Lesson,
         weight: f64,
         gradient: &mut [f32],
     ) -> Result<f64> {
         let samples = Samples::some(self.points, chosen.to_vec());
         let scale = weight / chosen.len() as f64;
-        let traced = net.trace(descriptor, &samples)?;
-        let (value, actuation_bar) = misfit(&traced.output().actuation, target, scale);
-        let (joint_value, joint_bar) = joint_misfit(&traced.output().joint, joint, weight);
+        let traced = net.trace(lesson.descriptor, &samples)?;
+        let output = traced.output();
+        let (value, actuation_bar) = misfit(&output.actuation, lesson.actuation, scale);
+        let (joint_value, joint_bar) = joint_misfit(&output.joint, lesson.joint, weight);
         let part = traced.backward(&actuation_bar, &joint_bar);
         gradient.iter_mut().zip(part).for_each(|(g, p)| *g += p);
         Ok(value + joint_value)
@@ -423,16 +452,17 @@ mod tests {
         let (mut one, mut same) = (draw::generator(5, 4, 0), draw::generator(5, 4, 0));
         for _ in 0..30 {
             let chosen = [0, 7, 3];
-            let (weights, target, joint, _) = regression.superposition(&chosen, &mut one);
-            assert_eq!(joint, None);
+            let sum = regression.superposition(&chosen, &mut one);
             let again = regression.superposition(&chosen, &mut same);
-            assert_eq!((&weights, &target), (&again.0, &again.1));
+            assert_eq!(sum, again);
+            assert_eq!((sum.joint, sum.counts), (None, 1.0));
+            let weights = &sum.descriptor;
             assert!(weights.iter().all(|w| (0.0..=1.0).contains(w)));
             for (i, &point) in chosen.iter().enumerate() {
                 for k in 0..6 {
                     let of = |shape: usize| pulled[shape].actuation[6 * point + k];
-                    let sum = weights[0] * of(0) + weights[1] * of(1);
-                    assert!((target[6 * i + k] - sum).abs() < 1e-6);
+                    let expected = weights[0] * of(0) + weights[1] * of(1);
+                    assert!((sum.actuation[6 * i + k] - expected).abs() < 1e-6);
                 }
             }
         }

@@ -7,7 +7,7 @@ use crate::run::Run;
 use crate::scene::Scene;
 use crate::shapes::Shapes;
 use crate::units::Length;
-use actuation_net::{ActuationNet, TensorFile};
+use actuation_net::{ActuationNet, NetworkConfig, TensorFile};
 use std::path::PathBuf;
 use surface_mesh::MorphedSurface;
 
@@ -76,8 +76,7 @@ impl Trained {
         }
         let file = TensorFile::read(run.model_path())?;
         // The one setting that no scene has: whether the network knows the spacing of its grid.
-        let stored = ActuationNet::from_file(&file, "");
-        config.resolution = stored.ok().and_then(|net| net.config().resolution);
+        config.resolution = NetworkConfig::from_file(&file, "")?.resolution;
         let net = ActuationNet::from_file_with(&file, "", &config)?;
         Ok(Self {
             scene,
