@@ -1,7 +1,7 @@
 //! What was measured, in plots.
 
 use crate::error::Result;
-use crate::estimates::{BOUNDS, Estimates};
+use crate::estimates::{BOUNDS, Estimates, Told};
 use crate::manufactured::Convergence;
 use crate::recommend::front;
 use crate::study::{Question, Row, answers};
@@ -221,24 +221,28 @@ pub fn transfer_sheet(transfer: &Transfer, subject: &Subject, units: &Units) -> 
 
 /// Estimated against true errors, with the bounds between which they should lie.
 pub fn scatter(estimates: &Estimates) -> LinePlot {
-    let points = { estimates.cases.iter() }.filter_map(|case| {
-        let estimated = case.estimated.filter(|_| case.ratio().is_some())?;
-        Some((case, (case.true_error, estimated)))
-    });
-    let points: Vec<_> = points.collect();
-    let kinds = [("easy", false), ("with inverted samples", true)];
-    let mut series: Vec<Series> = kinds
-        .iter()
-        .map(|&(name, is_inverted)| {
-            let own = points
-                .iter()
-                .filter(|(c, _)| (c.inverted_samples > 0) == is_inverted);
-            Series::new(name, own.map(|p| p.1).collect()).with_style(SeriesStyle::Dots)
-        })
-        .filter(|s| !s.points.is_empty())
+    let point = |told: &Told| {
+        let estimated = told.estimated.filter(|_| told.ratio().is_some())?;
+        Some((told.true_error, estimated))
+    };
+    let measured = |is_inverted: bool| {
+        let own = estimates.cases.iter();
+        let own = own.filter(|case| (case.inverted_samples > 0) == is_inverted);
+        own.filter_map(|case| point(&case.measured)).collect()
+    };
+    let unmeasured = estimates.cases.iter().map(|case| &case.unmeasured);
+    let kinds: [(_, Vec<_>); 3] = [
+        ("not measured", unmeasured.filter_map(point).collect()),
+        ("measured", measured(false)),
+        ("measured, inverted samples", measured(true)),
+    ];
+    let errors: Vec<f64> = kinds.iter().flat_map(|k| &k.1).map(|p| p.0).collect();
+    let low = errors.iter().copied().fold(f64::INFINITY, f64::min);
+    let high = errors.iter().copied().fold(0.0, f64::max);
+    let mut series: Vec<Series> = { kinds.into_iter() }
+        .filter(|(_, points)| !points.is_empty())
+        .map(|(name, points)| Series::new(name, points).with_style(SeriesStyle::Dots))
         .collect();
-    let low = points.iter().map(|p| p.1.0).fold(f64::INFINITY, f64::min);
-    let high = points.iter().map(|p| p.1.0).fold(0.0, f64::max);
     for (name, factor) in [("half", BOUNDS.0), ("equal", 1.0), ("five times", BOUNDS.1)] {
         let line = vec![(low, factor * low), (high, factor * high)];
         series.push(Series::new(name, line).with_style(SeriesStyle::Dashed));
