@@ -190,6 +190,11 @@ pub(crate) fn lbfgs(
         if pre.follows() && descent.iterations() >= PATIENCE {
             break Status::Stalled;
         }
+        if pre.follows() && since_rebuild >= REBUILD {
+            pre.rebuild(problem, u);
+            history.count = 0;
+            since_rebuild = 0;
+        }
         history.direction(pre, space);
         let mut length = max_norm(&space.direction);
         doubts.see(length);
@@ -240,11 +245,6 @@ pub(crate) fn lbfgs(
             break Status::Converged;
         }
         since_rebuild += 1;
-        if pre.follows() && since_rebuild >= REBUILD {
-            pre.rebuild(problem, u);
-            history.count = 0;
-            since_rebuild = 0;
-        }
     };
     if status == Status::Converged
         && target.tell_error
