@@ -9,6 +9,7 @@ use std::fs::OpenOptions;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 use trainer::scene::ActuationPer;
+use trainer::stop_requested;
 
 /// What is varied.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -195,6 +196,9 @@ impl<'a> Study<'a> {
                 };
                 told(&row);
                 self.append(row)?;
+                if stop_requested() {
+                    return Err(AccuracyError::Stopped);
+                }
             }
         }
         Ok(self.rows)

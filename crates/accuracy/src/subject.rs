@@ -5,6 +5,7 @@ use crate::table::Units;
 use actuation_net::{ActuationNet, Width};
 use std::path::Path;
 use surface_mesh::MorphedSurface;
+use trainer::TrainerError;
 use trainer::body::Body;
 use trainer::rig::Rig;
 use trainer::run::Run;
@@ -100,7 +101,10 @@ impl Subject {
                 });
             }
             if !run.model_path().exists() {
-                train(&run)?;
+                train(&run).map_err(|error| match error {
+                    TrainerError::Interrupted { .. } => AccuracyError::Stopped,
+                    other => other.into(),
+                })?;
             }
             let trained = Trained::load(&run, &Changes::default())?;
             fields.push(Field {

@@ -68,9 +68,9 @@ impl Place {
         }
     }
 
-    /// Asks the program to stop so long after it begins with networks; whether it was done before.
+    /// Asks the program to stop so long after it tells something with `begun` in it; whether it was done before.
     #[cfg(unix)]
-    fn is_done_within(&self, line: &str, wait: Duration) -> bool {
+    fn is_done_within(&self, line: &str, begun: &str, wait: Duration) -> bool {
         let mut program = Command::new(env!("CARGO_BIN_EXE_myofield-accuracy"))
             .current_dir(self.0.path())
             .args(line.split_whitespace())
@@ -79,11 +79,11 @@ impl Place {
             .spawn()
             .unwrap();
         let mut told = BufReader::new(program.stderr.take().unwrap()).lines();
-        let begun = told
+        let first = told
             .by_ref()
             .map_while(Result::ok)
-            .find(|l| l.contains("finest grid"));
-        assert!(begun.is_some(), "it ended before");
+            .find(|l| l.contains(begun));
+        assert!(first.is_some(), "it ended before");
         std::thread::sleep(wait);
         let id = program.id().to_string();
         // Fails where it is done.
@@ -171,6 +171,23 @@ fn a_study_measures_recommends_and_goes_on() {
     let lines = |text: &str| text.lines().count();
     let mended = std::fs::read_to_string(out.join("rows.jsonl")).unwrap();
     assert_eq!(lines(&mended), lines(&text));
+
+    // Stopped while its network is trained, and between two rows, it comes to the same.
+    #[cfg(unix)]
+    {
+        let line = line.replace("--out out", "--out stopped");
+        for begun in ["stage 1", "measured"] {
+            assert!(
+                !place.is_done_within(&line, begun, Duration::ZERO),
+                "{begun}"
+            );
+        }
+        let (_, told) = place.succeeds(&line);
+        assert!((1..rows.len()).contains(&count(&told)), "{told}");
+        let resumed = json(&place.path("stopped/study.json"));
+        let resumed = resumed["rows"].as_array().unwrap().iter();
+        assert!(resumed.map(error).eq(rows.iter().map(error)));
+    }
 
     // Settings for one body are tried on another.
     let other = SCENE.replace("radius = 1.0", "radius = 1.2\nthickness = 0.12");
@@ -274,7 +291,8 @@ fn a_transfer_goes_on_after_its_last_network_and_leaves_a_run() {
     {
         let (mut in_training, mut stops) = (0, 0);
         let again = line.replace("out out", "out again");
-        while !place.is_done_within(&again, Duration::from_millis(300 + 170 * stops)) {
+        let wait = |stops: u64| Duration::from_millis(300 + 170 * stops);
+        while !place.is_done_within(&again, "finest grid", wait(stops)) {
             stops += 1;
             let left = std::fs::read_dir(place.path("again/networks")).unwrap();
             let is_unfinished =
