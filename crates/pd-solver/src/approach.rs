@@ -198,6 +198,7 @@ impl Solver {
             tell_error: false,
             accuracy: Some(RELAXED * self.problem.element_size),
             gradient: self.problem.gradient_floor(u),
+            step: f64::INFINITY,
         };
         self.run_method(Method::Newton, u, &target, RELAX)
             .iterations

@@ -298,11 +298,13 @@ impl Solver {
                 tell_error: true,
                 accuracy: Some(length),
                 gradient: floor,
+                step: f64::INFINITY,
             },
             Stop::RelativeGradient(t) => Target {
                 tell_error: true,
                 accuracy: None,
                 gradient: (t * rest_gradient.unwrap_or(0.0)).max(floor),
+                step: f64::INFINITY,
             },
         };
         let limit = options.max_iterations;

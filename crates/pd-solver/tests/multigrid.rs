@@ -175,6 +175,33 @@ fn accuracy_is_reached_by_the_free_estimate() {
     }
 }
 
+/// Where samples are inside out no direction tells the error: a Newton step near the end does, and comes with an estimate above the error.
+#[test]
+fn a_doubtful_solve_ends_by_a_step_that_tells_its_error() {
+    let mut by_newton = 0;
+    // Held at its edge, the plate that is one thick along x is bent without a side to prefer.
+    for (name, mesh, hold) in bodies().into_iter().filter(|b| b.0 != "one thick along x") {
+        let nodes = nodes_where(&mesh, hold);
+        let mut solver = Solver::new(&mesh, &[elasticity(), held(nodes)]).unwrap();
+        for amplitude in [1.5, 2.0, 2.5] {
+            let parameters = smooth(&mesh, &solver, amplitude);
+            let solution = solver.solve(&parameters, None, &stop(1e-4)).unwrap();
+            assert_eq!(solution.status, Status::Converged, "{name}");
+            by_newton += usize::from(solution.stats.estimate == Estimate::NewtonStep);
+            // The equilibrium next to it, not another one.
+            let (options, at) = (stop(1e-11), Some(&solution.positions[..]));
+            let truth = solver.solve(&parameters, at, &options).unwrap();
+            let error = max_distance(&truth.positions, &solution.positions);
+            let estimate = solution.stats.estimated_error.expect("steps were made");
+            assert!(
+                error <= estimate,
+                "{name}, {amplitude}: estimated {estimate:e}, reached {error:e}"
+            );
+        }
+    }
+    assert!(by_newton > 3, "{by_newton}");
+}
+
 fn at_equilibrium() -> (HexMesh, Solver, Parameters, Solution) {
     let mesh = body([12, 6, 7], |_| true);
     let wall = nodes_where(&mesh, |x| x.x == 0.0);

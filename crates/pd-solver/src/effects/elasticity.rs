@@ -3,6 +3,7 @@
 
 mod block;
 mod hourglass;
+mod inverted;
 mod kernel;
 mod least_pair_sum;
 mod linearise;
@@ -18,7 +19,8 @@ use crate::constant::ConstantMatrix;
 use crate::parameters::Parameters;
 use crate::vector::NodalVector;
 use block::{Block, LANES};
-use hex_mesh::{HexMesh, Quadrature, QuadratureRule};
+use hex_mesh::{HexMesh, Quadrature};
+use inverted::Inverted;
 use kernel::{
     Actuation, ActuationVjp, AddForces, EnergyGradient, HessianProduct, Linearisation, SampleLaw,
 };
@@ -288,15 +290,12 @@ impl Effect for Elasticity {
     }
 
     fn inverted_samples(&self, u: &[Vector3<f64>]) -> usize {
-        let gradients = QuadratureRule::new(self.body.quadrature).gradients(1.0);
-        // Edge lengths do not change the sign.
-        let elements = self.body.elements.par_iter().with_min_len(64);
-        let in_element = |nodes: &[u32; 8]| {
-            let x = nodes.map(|n| u[n as usize]);
-            let inverted = |g: &&[Vector3<f64>; 8]| deformation_gradient(&x, g).determinant() < 0.0;
-            gradients.iter().filter(inverted).count()
-        };
-        elements.map(in_element).sum()
+        with_rule!(&self.rule, rule => {
+            self.blocks
+                .par_chunks(BLOCKS_PER_TASK)
+                .map(|blocks| self.arch.dispatch(Inverted { rule, blocks, u }))
+                .sum()
+        })
     }
 
     fn projections(&self) -> u64 {

@@ -10,6 +10,9 @@ use nalgebra::Vector3;
 /// Gradient, relative to that at rest, at which a coarse equilibrium is near enough: what is left is less than what the coarse
 /// grid gets wrong.
 const TOLERANCE: f64 = 1e-2;
+/// Length of the last step, in edges of a coarse element, at which it is. Slender parts have bent by several elements less than they will
+/// when their gradient is small: on a starfish whose arms bend far the finest grid takes 7 instead of 13 iterations.
+const STEP: f64 = 0.2;
 const MAX_ITERATIONS: usize = 100;
 
 /// The body on a coarse grid.
@@ -109,6 +112,7 @@ impl CoarseBody {
             accuracy: None,
             gradient: (TOLERANCE * norm(&self.space.gradient))
                 .max(self.problem.gradient_floor(&self.u)),
+            step: STEP * self.problem.element_size,
         };
         multigrid.trust(level);
         let mut pre = AtLevel { multigrid, level };

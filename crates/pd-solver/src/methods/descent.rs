@@ -3,7 +3,7 @@
 use super::{Outcome, Target, Workspace};
 use crate::problem::Problem;
 use crate::solution::{Estimate, Status};
-use crate::vector::{NodalVector, add_scaled, norm};
+use crate::vector::{NodalVector, add_scaled, max_norm, norm};
 
 /// Sufficient decrease (Armijo).
 const ARMIJO: f64 = 1e-4;
@@ -19,6 +19,8 @@ pub(super) struct Descent {
     pub(super) is_full: bool,
     energy: f64,
     iterations: usize,
+    /// Length of the last step.
+    step: f64,
 }
 
 impl Descent {
@@ -33,6 +35,7 @@ impl Descent {
             is_full: true,
             energy,
             iterations: 0,
+            step: f64::INFINITY,
         }
     }
 
@@ -45,7 +48,7 @@ impl Descent {
     pub(super) fn stop(&self, target: &Target, max_iterations: usize) -> Option<Status> {
         if !(self.energy.is_finite() && self.gradient_norm.is_finite()) {
             Some(Status::NotFinite)
-        } else if self.gradient_norm <= target.gradient {
+        } else if target.has_arrived(self.gradient_norm, self.step) {
             Some(Status::Converged)
         } else if self.iterations == max_iterations {
             Some(Status::IterationLimit)
@@ -82,6 +85,7 @@ impl Descent {
                 self.gradient_norm = norm(&space.gradient);
                 self.iterations += 1;
                 self.is_full = length == 1.0;
+                self.step = length * max_norm(&space.direction);
                 return true;
             }
             length *= 0.5;

@@ -48,9 +48,20 @@ pub(crate) struct Target {
     pub(crate) tell_error: bool,
     pub(crate) accuracy: Option<f64>,
     pub(crate) gradient: f64,
+    /// The longest last step after which such a gradient will do.
+    pub(crate) step: f64,
 }
 
+/// Share of the gradient asked for that will do after any step.
+const TINY: f64 = 1e-2;
+
 impl Target {
+    /// Whether a gradient norm is small enough after a step of this length.
+    fn has_arrived(&self, gradient_norm: f64, step: f64) -> bool {
+        gradient_norm <= self.gradient
+            && (step <= self.step || gradient_norm <= TINY * self.gradient)
+    }
+
     /// Whether the rule is met by a gradient norm and, where there is one, an error estimate.
     pub(crate) fn is_met(&self, gradient_norm: f64, estimate: Option<f64>) -> bool {
         let near = match (self.accuracy, estimate) {
@@ -69,4 +80,24 @@ pub(crate) struct Outcome {
     pub(crate) gradient_norm: f64,
     pub(crate) estimated_error: Option<f64>,
     pub(crate) estimate: Estimate,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A small gradient after a long step is no arrival: slender parts are still on their way.
+    #[test]
+    fn arrival_takes_a_short_step_or_a_tiny_gradient() {
+        let target = Target {
+            tell_error: false,
+            accuracy: None,
+            gradient: 1.0,
+            step: 0.2,
+        };
+        assert!(target.has_arrived(0.9, 0.1));
+        assert!(!target.has_arrived(0.9, 0.3));
+        assert!(!target.has_arrived(1.1, 0.1));
+        assert!(target.has_arrived(0.009, f64::INFINITY));
+    }
 }

@@ -16,7 +16,7 @@ const LOOSEST: f64 = 0.1;
 const REMAINS: f64 = 0.3;
 /// Deep in a barrier a step doubles the distance and halves the gradient, and is short however far the minimum is. Where steps have a limit, only
 /// one that leaves no more than this share of the gradient tells the error.
-const CONTRACTS: f64 = 0.25;
+pub(super) const CONTRACTS: f64 = 0.25;
 
 /// Solves `H d = gradient` at `u` to a relative residual, so that `u - d` is the minimum of the quadratic model; the gradient and
 /// the direction are the workspace's.
@@ -43,6 +43,43 @@ pub(crate) fn newton_direction(
     solution
 }
 
+/// How a Newton step went.
+pub(super) struct Step {
+    /// Whether it was taken, in full or in part.
+    pub(super) taken: bool,
+    /// The error before it, where the linear solve tells that. Where the curvature is negative, a direction leads away from here, but says nothing
+    /// of how far.
+    pub(super) before: Option<f64>,
+    /// The error after it, where that is told.
+    pub(super) after: Option<f64>,
+}
+
+/// Takes a step to the minimum of the quadratic model, found to a relative residual.
+pub(super) fn newton_step(
+    problem: &mut Problem,
+    pre: &mut dyn Preconditioner,
+    space: &mut Workspace,
+    u: &mut NodalVector,
+    descent: &mut Descent,
+    tolerance: f64,
+) -> Step {
+    let linear = newton_direction(problem, pre, space, u, tolerance);
+    let length = max_norm(&space.direction);
+    let before = (linear.status == LinearStatus::Converged).then_some(length);
+    let slope = dot(&space.gradient, &space.direction);
+    let gradient_norm = descent.gradient_norm;
+    let taken = slope > 0.0 && slope.is_finite() && descent.step(problem, space, u, slope);
+    // What remains after the step is what the linear solve left and what the curvature of the energy adds; the second is
+    // not known, so no step counts for more than a reduction by REMAINS.
+    let contracts = !problem.limits_steps() || descent.gradient_norm <= CONTRACTS * gradient_norm;
+    let tells = taken && descent.is_full && contracts;
+    Step {
+        taken,
+        before,
+        after: before.filter(|_| tells).map(|length| length * REMAINS),
+    }
+}
+
 pub(crate) fn newton(
     problem: &mut Problem,
     pre: &mut dyn Preconditioner,
@@ -61,28 +98,16 @@ pub(crate) fn newton(
         pre.prepare(problem, u);
         // Superlinear convergence near the end, no waste far from it (Eisenstat and Walker 1996).
         let tolerance = LOOSEST.min((descent.gradient_norm / start_norm).sqrt());
-        let linear = newton_direction(problem, pre, space, u, tolerance);
-        let length = max_norm(&space.direction);
-        // Where the curvature is negative, a direction leads away from here, but says nothing of how far.
-        let tells = linear.status == LinearStatus::Converged;
-        let slope = dot(&space.gradient, &space.direction);
-        let before = descent.gradient_norm;
-        if slope <= 0.0 || !slope.is_finite() {
-            break Status::Stalled;
-        }
-        if !descent.step(problem, space, u, slope) {
+        let step = newton_step(problem, pre, space, u, &mut descent, tolerance);
+        if !step.taken {
             // Not even a tiny part of an exact Newton step helps: the step itself says how far the minimum is.
-            if tells && target.is_met(descent.gradient_norm, Some(length)) {
-                estimate = Some((length, Estimate::NewtonStep));
+            if step.before.is_some() && target.is_met(descent.gradient_norm, step.before) {
+                estimate = step.before.map(|length| (length, Estimate::NewtonStep));
                 break Status::Converged;
             }
             break Status::Stalled;
         }
-        // What remains after the step is what the linear solve left and what the curvature of the energy adds; the second is
-        // not known, so no step counts for more than a reduction by REMAINS.
-        let contracts = !problem.limits_steps() || descent.gradient_norm <= CONTRACTS * before;
-        let tells = tells && descent.is_full && contracts;
-        estimate = tells.then_some((length * REMAINS, Estimate::NewtonStep));
+        estimate = step.after.map(|length| (length, Estimate::NewtonStep));
         if target.is_met(descent.gradient_norm, estimate.map(|(length, _)| length)) {
             break Status::Converged;
         }
