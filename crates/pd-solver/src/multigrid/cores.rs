@@ -11,10 +11,11 @@ use nalgebra::Vector3;
 use polar_grad::lanes::{
     LaneMatrix, polar_rotation_lanes, product, projected_factor_lanes, rotation_factor_lanes,
 };
-use pulp::{Simd, WithSimd};
+use pulp::{Arch, Simd, WithSimd};
+use rayon::prelude::*;
 
 /// Elements side by side.
-pub(super) const GROUP: usize = 8;
+const GROUP: usize = 8;
 
 /// Pivots below this share of the trace are left out: directions without weight.
 const FLOOR: f64 = 1e-14;
@@ -35,15 +36,43 @@ pub(crate) enum Curvature {
 }
 
 /// Computes the cores of up to eight elements.
-pub(super) struct Cores<'a> {
-    pub(super) curvature: Curvature,
-    pub(super) elements: &'a [[u32; 8]],
-    pub(super) u: &'a [Vector3<f64>],
+struct Cores<'a> {
+    curvature: Curvature,
+    elements: &'a [[u32; 8]],
+    u: &'a [Vector3<f64>],
     /// Reciprocals of the edge lengths.
-    pub(super) inverse_sizes: &'a [Vector3<f64>],
+    inverse_sizes: &'a [Vector3<f64>],
     /// Mean A of each element.
-    pub(super) actuation: &'a [Symmetric],
-    pub(super) out: &'a mut [[f32; CORE]],
+    actuation: &'a [Symmetric],
+    out: &'a mut [[f32; CORE]],
+}
+
+/// The cores of all elements of a level, whose reciprocals of edge lengths and mean A are given.
+pub(super) fn set_cores(
+    curvature: Curvature,
+    elements: &[[u32; 8]],
+    u: &[Vector3<f64>],
+    (inverse_sizes, actuation): (&[Vector3<f64>], &[Symmetric]),
+    out: &mut [[f32; CORE]],
+) {
+    let arch = Arch::new();
+    let of_elements = inverse_sizes
+        .par_chunks(GROUP)
+        .zip(actuation.par_chunks(GROUP));
+    out.par_chunks_mut(GROUP)
+        .zip(elements.par_chunks(GROUP))
+        .zip(of_elements)
+        .with_min_len(8)
+        .for_each(|((out, elements), (inverse_sizes, actuation))| {
+            arch.dispatch(Cores {
+                curvature,
+                elements,
+                u,
+                inverse_sizes,
+                actuation,
+                out,
+            });
+        });
 }
 
 impl WithSimd for Cores<'_> {
@@ -203,7 +232,6 @@ mod tests {
     use crate::vector::NodalVector;
     use nalgebra::{Matrix3, SMatrix};
     use polar_grad::{Filter, HessianCore, testing::Random};
-    use pulp::Arch;
 
     /// `I - sum_k m_k m_k^T` is the core of the scalar code, true or projected, for every number of elements in a group.
     #[test]

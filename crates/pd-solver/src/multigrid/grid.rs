@@ -88,20 +88,48 @@ impl Grid {
         self.size(element).product() * self.fill[element]
     }
 
-    /// Share of the elements that have no neighbour on either side along some axis.
-    pub(crate) fn thin_share(&self) -> f64 {
+    /// Which elements lie in a run of at most `most` along some axis.
+    pub(crate) fn thin_elements(&self, most: usize) -> Vec<bool> {
         let mut sorted = self.cells.clone();
         sorted.sort_unstable();
-        let has = |cell: [u32; 3]| sorted.binary_search(&cell).is_ok();
-        let thin = |cell: &&[u32; 3]| {
-            (0..3).any(|a| {
-                let (mut above, mut below) = (**cell, **cell);
-                above[a] += 1;
-                below[a] = below[a].wrapping_sub(1);
-                !has(above) && !has(below)
-            })
+        let has = |cell: &[u32; 3]| sorted.binary_search(cell).is_ok();
+        let beyond = |cell: &[u32; 3], axis: usize, step: u32| {
+            let neighbours = (1..=most as u32).map(|i| {
+                let mut neighbour = *cell;
+                neighbour[axis] = neighbour[axis].wrapping_add(i.wrapping_mul(step));
+                neighbour
+            });
+            neighbours.take_while(has).count()
         };
-        self.cells.iter().filter(thin).count() as f64 / self.cells.len() as f64
+        let thin = |cell: &[u32; 3]| {
+            (0..3).any(|axis| beyond(cell, axis, 1) + beyond(cell, axis, u32::MAX) < most)
+        };
+        self.cells.iter().map(thin).collect()
+    }
+
+    /// Share of the elements that have no neighbour on either side along some axis.
+    pub(crate) fn thin_share(&self) -> f64 {
+        let thin = self.thin_elements(1);
+        thin.iter().filter(|thin| **thin).count() as f64 / thin.len() as f64
+    }
+
+    /// Some elements, by rising numbers, as a grid of their own on the same planes, and the number of each of its nodes in this one.
+    pub(crate) fn part(&self, elements: &[u32]) -> (Self, Vec<u32>) {
+        let of = |e: &u32| self.elements[*e as usize];
+        let mut nodes: Vec<u32> = elements.iter().flat_map(of).collect();
+        nodes.sort_unstable();
+        nodes.dedup();
+        let own = |node: u32| nodes.partition_point(|&n| n < node) as u32;
+        let pick = |values: &[f64]| elements.iter().map(|&e| values[e as usize]).collect();
+        let part = Self {
+            elements: elements.iter().map(|e| of(e).map(own)).collect(),
+            cells: elements.iter().map(|&e| self.cells[e as usize]).collect(),
+            places: nodes.iter().map(|&n| self.places[n as usize]).collect(),
+            planes: self.planes.clone(),
+            fill: pick(&self.fill),
+            stiffness: pick(&self.stiffness),
+        };
+        (part, nodes)
     }
 
     /// Where an element lies in its parent's box, along each axis as shares of the parent's edge.

@@ -27,6 +27,11 @@ impl Smoother {
         degree: 3,
         smoothed: 0.08,
     };
+    /// On top of the plain one at the nodes of flaps, where no coarse correction does the rest.
+    pub(super) const OF_FLAPS: Self = Self {
+        degree: 6,
+        smoothed: 0.03,
+    };
 }
 
 /// Power steps of the estimate of the largest eigenvalue.

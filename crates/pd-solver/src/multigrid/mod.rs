@@ -12,6 +12,7 @@ mod correction;
 mod dense;
 mod element_matrix;
 mod fine;
+mod flaps;
 mod grid;
 mod hierarchy;
 mod kept_volume;
@@ -26,12 +27,13 @@ mod transfer;
 
 use crate::vector::{NodalVector, max_norm};
 use coarse::{Coarse, set_up};
-use cores::{Cores, Curvature, GROUP, Symmetric};
+use cores::{Curvature, Symmetric, set_cores};
 use correction::Correction;
 use dense::Dense;
 use element_matrix::CoreTables;
 pub(crate) use fine::ElementForm;
 use fine::{CORE, FineOperator};
+use flaps::Flaps;
 pub(crate) use grid::{DisjointSets, Grid};
 pub(crate) use hierarchy::Hierarchy;
 use kept_volume::KeptVolume;
@@ -54,6 +56,8 @@ pub(crate) struct Multigrid {
     hierarchy: Hierarchy,
     levels: Vec<Level>,
     corrections: Vec<Correction>,
+    /// Where the body has any.
+    flaps: Option<Flaps>,
     /// Per level but the finest.
     coarse: Vec<Coarse>,
     tables: CoreTables,
@@ -139,7 +143,17 @@ impl Multigrid {
         let rest: NodalVector = (0..grids[0].node_count())
             .map(|n| grids[0].position(n))
             .collect();
+        let finest = (&levels[0].layout, &levels[0].held[..]);
+        let flaps = Flaps::new(
+            &grids[0],
+            finest,
+            &inverse_sizes[0],
+            &forms[0],
+            unit,
+            samples,
+        );
         let mut multigrid = Self {
+            flaps,
             curvature: vec![Curvature::True; levels.len()],
             dense: Dense::new(&levels[last].layout, &levels[last].held),
             cores: vec![[0.0; CORE]; grids[0].elements.len()],
@@ -222,22 +236,11 @@ impl Multigrid {
         self.builds += 1;
         let elements = &self.hierarchy.grids[level].elements;
         let (inverse, actuation) = (&self.inverse_sizes[level], &self.actuation[level]);
-        let arch = pulp::Arch::new();
-        self.cores[..elements.len()]
-            .par_chunks_mut(GROUP)
-            .zip(elements.par_chunks(GROUP))
-            .zip(inverse.par_chunks(GROUP).zip(actuation.par_chunks(GROUP)))
-            .with_min_len(8)
-            .for_each(|((out, elements), (inverse_sizes, actuation))| {
-                arch.dispatch(Cores {
-                    curvature,
-                    elements,
-                    u,
-                    inverse_sizes,
-                    actuation,
-                    out,
-                });
-            });
+        let cores = &mut self.cores[..elements.len()];
+        set_cores(curvature, elements, u, (inverse, actuation), cores);
+        if let Some(flaps) = self.flaps.as_mut().filter(|_| level == 0) {
+            flaps.project(u, actuation, cores);
+        }
         if let Some(kept) = &mut self.kept {
             kept.set(elements, inverse, u);
         }
@@ -247,6 +250,10 @@ impl Multigrid {
             operator.set_cores(&self.cores);
             if let Some(kept) = &self.kept {
                 operator.set_normals(&kept.normals);
+            }
+            if let Some(flaps) = &mut self.flaps {
+                let normals = self.kept.as_ref().map(|kept| &kept.normals[..]);
+                flaps.set(normals);
             }
         }
         let last = self.levels.len() - 1;
@@ -340,6 +347,9 @@ impl Multigrid {
             self.levels[level..]
                 .iter_mut()
                 .for_each(|l| l.strengthen(CAREFUL));
+            if let Some(flaps) = &mut self.flaps {
+                flaps.strengthen(CAREFUL);
+            }
         }
     }
 
@@ -365,6 +375,7 @@ impl Multigrid {
             return;
         }
         self.levels[l].smooth(true);
+        self.smooth_flaps(l);
         // Coarse levels, which cost next to nothing, are corrected twice: on slender bodies a third of the iterations is saved.
         let again = l > 0 && l + 2 < self.levels.len();
         for visit in 0..=usize::from(again) {
@@ -380,6 +391,17 @@ impl Multigrid {
             let (fine, coarse) = (&mut fine[l], &coarse[0]);
             self.corrections[l].interpolate(&coarse.x, &fine.layout, &mut fine.x);
         }
+        self.smooth_flaps(l);
         self.levels[l].smooth(false);
+    }
+
+    /// Smooths flaps on the finest level. What touches is not known to them, and a cycle is symmetric only if all of it smooths the same operator.
+    fn smooth_flaps(&mut self, l: usize) {
+        let level = &mut self.levels[l];
+        if let Some(flaps) = self.flaps.as_mut().filter(|_| l == 0)
+            && level.bridges.is_empty()
+        {
+            flaps.smooth(level);
+        }
     }
 }

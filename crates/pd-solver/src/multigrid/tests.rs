@@ -33,6 +33,12 @@ fn bodies() -> Vec<(&'static str, HexMesh)> {
             cells([10, 10, 4], |c| (c[0] < 5) == (c[1] < 5)),
         ),
         ("comb", cells([12, 6, 6], |c| c[2] < 2 || c[0] % 2 == 0)),
+        (
+            "two flaps",
+            cells([12, 8, 14], |c| {
+                c[2] < 10 || c[0] == 7 || (c[0] < 2 && c[1] < 3)
+            }),
+        ),
     ];
     let mut all = Vec::new();
     for (name, cells) in shapes {
@@ -265,18 +271,56 @@ fn coarse_operators_are_galerkin_products() {
     }
 }
 
+/// Flaps are smoothed where there are some, as long as they are few: their elements see what those of the body see.
+#[test]
+fn flaps_are_parts_of_the_body() {
+    let mut random = Random::new(6);
+    let mut with_flaps = Vec::new();
+    for (name, mesh) in bodies() {
+        let mut mg = keeping_volume(&mesh, 20.0);
+        if mg.flaps.is_none() {
+            continue;
+        }
+        with_flaps.push(name);
+        mg.build(0, &random_state(&mesh, &mut random), Curvature::True);
+        let level = &mut mg.levels[0];
+        for at in (0..level.held.len()).flat_map(|n| level.layout.components(n)) {
+            level.x[at] = random.matrix()[0] as f32;
+        }
+        // With the forces of these very positions there is nothing to smooth.
+        level.b.fill(0.0);
+        level.residual();
+        level.b = level.y.iter().map(|y| -y).collect();
+        let before = level.x.clone();
+        mg.smooth_flaps(0);
+        let change = |level: &Level| {
+            let pairs = level.x.iter().zip(&before);
+            pairs.map(|(a, b)| (a - b).abs()).fold(0.0, f32::max)
+        };
+        assert!(
+            change(&mg.levels[0]) < 1e-4,
+            "{name}: {}",
+            change(&mg.levels[0])
+        );
+        mg.levels[0].b.iter_mut().for_each(|b| *b += 1.0);
+        mg.smooth_flaps(0);
+        assert!(change(&mg.levels[0]) > 0.01, "{name}");
+    }
+    assert_eq!(with_flaps, ["two flaps", "backwards"]);
+}
+
 /// One cycle is a symmetric positive definite operator, and its result is zero at prescribed nodes.
 #[test]
 fn the_cycle_is_symmetric_and_positive() {
     let mut random = Random::new(5);
-    let cases = bodies()
-        .into_iter()
-        .flat_map(|body| [0.0, 20.0].map(|k| (body.clone(), k)));
-    for ((name, mesh), stiffness) in cases {
+    let cases = bodies().into_iter().flat_map(|body| {
+        [(0.0, false), (20.0, false), (20.0, true)].map(|case| (body.clone(), case))
+    });
+    for ((name, mesh), (stiffness, touches)) in cases {
         let mut mg = keeping_volume(&mesh, stiffness);
         let u = random_state(&mesh, &mut random);
         mg.build(0, &u, Curvature::Projected);
-        if stiffness > 0.0 {
+        if touches {
             mg.touch(touching(&mesh, &mut random), &u);
         }
         let held = held(&mesh);
