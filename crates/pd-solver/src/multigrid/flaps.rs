@@ -13,9 +13,9 @@ use super::level::{Level, Operator, Smoother};
 use nalgebra::Vector3;
 
 /// Elements across a flap.
-const THICKNESS: usize = 2;
-/// Share of all elements above which a body is no body with flaps: there the same work is better spent on everything.
-const MOST: f64 = 0.1;
+const THICKNESS: u32 = 2;
+/// Shares of all elements between which a body is one with flaps. Fewer are not worth the work, and above it is better spent on everything.
+const SHARE: std::ops::RangeInclusive<f64> = 0.01..=0.1;
 
 /// The elements around the nodes of all flaps.
 pub(super) struct Flaps {
@@ -34,7 +34,7 @@ pub(super) struct Flaps {
 }
 
 impl Flaps {
-    /// None where there are no flaps, or hardly anything else. `layout` and `held` are those of the body's finest level, as are `forms`, in units of `unit`.
+    /// None where there are no flaps to speak of, or hardly anything else. `layout` and `held` are those of the body's finest level, as are `forms`, in units of `unit`.
     pub(super) fn new(
         grid: &Grid,
         (layout, held): (&Layout, &[bool]),
@@ -45,7 +45,7 @@ impl Flaps {
     ) -> Option<Self> {
         let thin = grid.thin_elements(THICKNESS);
         let count = thin.iter().filter(|thin| **thin).count();
-        if count == 0 || count as f64 > MOST * thin.len() as f64 {
+        if !SHARE.contains(&(count as f64 / thin.len() as f64)) {
             return None;
         }
         let mut moves = vec![false; grid.node_count()];

@@ -89,22 +89,23 @@ impl Grid {
     }
 
     /// Which elements lie in a run of at most `most` along some axis.
-    pub(crate) fn thin_elements(&self, most: usize) -> Vec<bool> {
-        let mut sorted = self.cells.clone();
-        sorted.sort_unstable();
-        let has = |cell: &[u32; 3]| sorted.binary_search(cell).is_ok();
-        let beyond = |cell: &[u32; 3], axis: usize, step: u32| {
-            let neighbours = (1..=most as u32).map(|i| {
-                let mut neighbour = *cell;
-                neighbour[axis] = neighbour[axis].wrapping_add(i.wrapping_mul(step));
-                neighbour
-            });
-            neighbours.take_while(has).count()
-        };
-        let thin = |cell: &[u32; 3]| {
-            (0..3).any(|axis| beyond(cell, axis, 1) + beyond(cell, axis, u32::MAX) < most)
-        };
-        self.cells.iter().map(thin).collect()
+    pub(crate) fn thin_elements(&self, most: u32) -> Vec<bool> {
+        let mut thin = vec![false; self.cells.len()];
+        for axis in 0..3 {
+            let others = [(axis + 1) % 3, (axis + 2) % 3];
+            let line = |cell: &[u32; 3]| others.map(|other| cell[other]);
+            let mut order: Vec<([u32; 2], u32, u32)> = (self.cells.iter().zip(0..))
+                .map(|(cell, element)| (line(cell), cell[axis], element))
+                .collect();
+            order.sort_unstable();
+            // Several elements may share a cell.
+            for run in order.chunk_by(|a, b| a.0 == b.0 && b.1 - a.1 <= 1) {
+                if run[run.len() - 1].1 - run[0].1 < most {
+                    run.iter().for_each(|r| thin[r.2 as usize] = true);
+                }
+            }
+        }
+        thin
     }
 
     /// Share of the elements that have no neighbour on either side along some axis.
