@@ -58,6 +58,10 @@ impl Flaps {
         let elements: Vec<u32> = (0..grid.elements.len() as u32)
             .filter(|&e| around(&grid.elements[e as usize]))
             .collect();
+        if elements.is_empty() {
+            // All of them are held.
+            return None;
+        }
         let (part, nodes) = grid.part(&elements);
         let own_layout = Layout::new(&part);
         let own_forms: Vec<ElementForm> = forms

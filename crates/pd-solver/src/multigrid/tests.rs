@@ -307,6 +307,18 @@ fn flaps_are_parts_of_the_body() {
         assert!(change(&mg.levels[0]) > 0.01, "{name}");
     }
     assert_eq!(with_flaps, ["two flaps", "backwards"]);
+    // Flaps that are held do not bend.
+    let (_, mesh) = bodies()
+        .into_iter()
+        .find(|(name, _)| *name == "two flaps")
+        .unwrap();
+    let all: Vec<u32> = (0..mesh.nodes().len() as u32).collect();
+    let above = |&n: &u32| mesh.nodes()[n as usize].z > 2.95;
+    let held: Vec<u32> = all.into_iter().filter(above).collect();
+    let hierarchy = Hierarchy::new(&mesh, &held, None).expect("a hierarchy");
+    let forms = vec![Vec::new(); hierarchy.grids.len()];
+    let multigrid = Multigrid::new(hierarchy, (3.0, 0.0), 8, forms);
+    assert!(multigrid.flaps.is_none());
 }
 
 /// One cycle is a symmetric positive definite operator, and its result is zero at prescribed nodes.
