@@ -237,7 +237,7 @@ pub(crate) fn lbfgs(
             let residual = verified_residual(pre).min(ENDGAME_RESIDUAL * target.gradient / before);
             let step = newton_step(problem, pre, space, u, &mut descent, residual);
             if step.taken {
-                let length = step.after.and(step.before);
+                let length = step.before.filter(|_| step.tells);
                 told = length.map(|length| (ENDGAME_REMAINS * length, CONTRACTS * before));
                 doubts.negative_curvature = !history.push(space, u);
                 since_rebuild += 1;

@@ -50,8 +50,8 @@ pub(super) struct Step {
     /// The error before it, where the linear solve tells that. Where the curvature is negative, a direction leads away from here, but says nothing
     /// of how far.
     pub(super) before: Option<f64>,
-    /// The error after it, where that is told.
-    pub(super) after: Option<f64>,
+    /// Whether it was such that the error after it is a share of that before.
+    pub(super) tells: bool,
 }
 
 /// Takes a step to the minimum of the quadratic model, found to a relative residual.
@@ -69,14 +69,11 @@ pub(super) fn newton_step(
     let slope = dot(&space.gradient, &space.direction);
     let gradient_norm = descent.gradient_norm;
     let taken = slope > 0.0 && slope.is_finite() && descent.step(problem, space, u, slope);
-    // What remains after the step is what the linear solve left and what the curvature of the energy adds; the second is
-    // not known, so no step counts for more than a reduction by REMAINS.
     let contracts = !problem.limits_steps() || descent.gradient_norm <= CONTRACTS * gradient_norm;
-    let tells = taken && descent.is_full && contracts;
     Step {
         taken,
         before,
-        after: before.filter(|_| tells).map(|length| length * REMAINS),
+        tells: taken && descent.is_full && contracts,
     }
 }
 
@@ -107,7 +104,10 @@ pub(crate) fn newton(
             }
             break Status::Stalled;
         }
-        estimate = step.after.map(|length| (length, Estimate::NewtonStep));
+        // What remains after the step is what the linear solve left and what the curvature of the energy adds; the second is
+        // not known, so no step counts for more than a reduction by REMAINS.
+        let before = step.before.filter(|_| step.tells);
+        estimate = before.map(|length| (length * REMAINS, Estimate::NewtonStep));
         if target.is_met(descent.gradient_norm, estimate.map(|(length, _)| length)) {
             break Status::Converged;
         }

@@ -38,7 +38,6 @@ impl Flaps {
     pub(super) fn new(
         grid: &Grid,
         (layout, held): (&Layout, &[bool]),
-        inverse_sizes: &[Vector3<f64>],
         forms: &[ElementForm],
         unit: f64,
         samples: usize,
@@ -89,9 +88,8 @@ impl Flaps {
                 .iter()
                 .map(|&e| grid.elements[e as usize])
                 .collect(),
-            inverse_sizes: elements
-                .iter()
-                .map(|&e| inverse_sizes[e as usize])
+            inverse_sizes: (0..elements.len())
+                .map(|e| part.size(e).map(f64::recip))
                 .collect(),
             actuation: Vec::new(),
             normals: Vec::new(),

@@ -144,14 +144,7 @@ impl Multigrid {
             .map(|n| grids[0].position(n))
             .collect();
         let finest = (&levels[0].layout, &levels[0].held[..]);
-        let flaps = Flaps::new(
-            &grids[0],
-            finest,
-            &inverse_sizes[0],
-            &forms[0],
-            unit,
-            samples,
-        );
+        let flaps = Flaps::new(&grids[0], finest, &forms[0], unit, samples);
         let mut multigrid = Self {
             flaps,
             curvature: vec![Curvature::True; levels.len()],
