@@ -17,8 +17,8 @@ const SOFT: f64 = 1e-7;
 /// Sum s_i + s_j at a sample below which its rotation is called not unique.
 const UNIQUE: f64 = 1e-10;
 
-/// Whether the forward solve converged and its positions still are where it left them.
-pub(crate) fn is_equilibrium(
+/// Linearises where a solve ended: false, if it did not converge or its positions are not where it left them.
+pub(crate) fn linearise_at_equilibrium(
     problem: &mut Problem,
     space: &mut Workspace,
     solution: &Solution,
@@ -27,7 +27,7 @@ pub(crate) fn is_equilibrium(
         return false;
     }
     space.reserve(problem.len());
-    problem.evaluate(&solution.positions, &mut space.gradient);
+    problem.linearise_with_gradient(&solution.positions, &mut space.gradient);
     let allowed =
         RESIDUAL_SLACK * solution.stats.gradient_norm + problem.gradient_floor(&solution.positions);
     norm(&space.gradient) <= allowed
@@ -87,7 +87,11 @@ pub(crate) fn adjoint(
         problem.clear_prescribed(&mut space.krylov.x);
     }
     let (tolerance, limit) = (options.tolerance, options.max_iterations);
-    let mut system = System { problem, pre };
+    let mut system = System {
+        problem,
+        pre,
+        reactions: &mut space.reactions,
+    };
     let mut linear = solve_at(
         &mut system,
         u,
@@ -136,35 +140,27 @@ pub(crate) fn adjoint(
         z.resize(n, Vector3::zeros());
         let solved = z.iter_mut().zip(&space.krylov.x);
         solved.for_each(|(z, x)| *z = x * scale);
-        gradient(problem, space, u, cotangent, out);
+        let reactions = space.reactions.sum.iter().map(|reaction| reaction * scale);
+        gradient(problem, reactions, u, cotangent, out);
     }
     out.stats.seconds = start.elapsed().as_secs_f64();
 }
 
-/// dL/d parameters from the multiplier.
+/// dL/d parameters from the multiplier and `H` times it at prescribed nodes.
 fn gradient(
     problem: &mut Problem,
-    space: &mut Workspace,
+    reactions: impl Iterator<Item = Vector3<f64>>,
     u: &[Vector3<f64>],
     cotangent: &[Vector3<f64>],
     out: &mut Adjoint,
 ) {
     let like = &problem.rest_parameters;
-    let gradient = match &mut out.gradient {
-        Some(gradient) => {
-            gradient.clear_like(like);
-            gradient
-        }
-        none => {
-            let gradient = none.insert(Parameters::default());
-            gradient.clear_like(like);
-            gradient
-        }
-    };
+    let gradient = out.gradient.get_or_insert_with(Parameters::default);
+    gradient.begin_gradient(like);
     problem.parameter_vjp(u, &out.multiplier, gradient);
-    problem.full_hessian_product(&out.multiplier, &mut space.scratch);
-    for (out, &node) in gradient.prescribed.iter_mut().zip(&problem.prescribed) {
-        *out = cotangent[node as usize] - space.scratch[node as usize];
+    let prescribed = problem.prescribed.iter().zip(reactions);
+    for (out, (&node, reaction)) in gradient.prescribed.iter_mut().zip(prescribed) {
+        *out = cotangent[node as usize] - reaction;
     }
 }
 

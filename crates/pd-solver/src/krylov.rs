@@ -32,23 +32,53 @@ pub(crate) trait LinearOperator {
     fn apply(&mut self, x: &[Vector3<f64>], out: &mut NodalVector);
     /// `out = M^-1 r`.
     fn precondition(&mut self, r: &[Vector3<f64>], out: &mut NodalVector);
+    /// Takes note that the solution is zero.
+    fn begin(&mut self) {}
+    /// Takes note that the solution moves by `step` times what was last applied to.
+    fn advance(&mut self, _step: f64) {}
 }
 
 /// The Hessian of a problem at its last linearisation, and a preconditioner.
 pub(crate) struct System<'a> {
     pub(crate) problem: &'a mut Problem,
     pub(crate) pre: &'a mut dyn Preconditioner,
+    pub(crate) reactions: &'a mut Reactions,
+}
+
+/// `H x` at prescribed nodes, where the system has no rows. They come along with the products that a solve makes.
+#[derive(Default)]
+pub(crate) struct Reactions {
+    /// To the solution.
+    pub(crate) sum: NodalVector,
+    /// To what was last applied to.
+    last: NodalVector,
 }
 
 impl LinearOperator for System<'_> {
     fn apply(&mut self, x: &[Vector3<f64>], out: &mut NodalVector) {
         self.problem.full_hessian_product(x, out);
+        let at_prescribed = self.problem.prescribed.iter().map(|&n| out[n as usize]);
+        self.reactions.last.clear();
+        self.reactions.last.extend(at_prescribed);
         self.problem.add_rigid(x, out);
         self.problem.clear_prescribed(out);
     }
 
     fn precondition(&mut self, r: &[Vector3<f64>], out: &mut NodalVector) {
         self.pre.apply(r, out);
+    }
+
+    fn begin(&mut self) {
+        let Reactions { sum, .. } = self.reactions;
+        sum.clear();
+        sum.resize(self.problem.prescribed.len(), Vector3::zeros());
+    }
+
+    fn advance(&mut self, step: f64) {
+        let Reactions { sum, last } = self.reactions;
+        sum.iter_mut()
+            .zip(last)
+            .for_each(|(sum, last)| *sum += *last * step);
     }
 }
 
@@ -100,6 +130,7 @@ pub(crate) fn conjugate_gradients(
         lanczos,
     } = space;
     lanczos.clear();
+    operator.begin();
     if b_norm == 0.0 {
         x.fill(Vector3::zeros());
         return finished(LinearStatus::Converged, 0, 0.0);
@@ -108,12 +139,14 @@ pub(crate) fn conjugate_gradients(
     r.copy_from_slice(b);
     if warm {
         operator.apply(x, q);
+        operator.advance(1.0);
         difference(b, q, r);
         relative = norm(r) / b_norm;
     }
     // A start that is farther off than zero is none.
     if !warm || relative > 1.0 || !relative.is_finite() {
         x.fill(Vector3::zeros());
+        operator.begin();
         r.copy_from_slice(b);
         relative = 1.0;
     }
@@ -132,11 +165,14 @@ pub(crate) fn conjugate_gradients(
         if curvature <= 0.0 {
             if iteration == 0 {
                 x.copy_from_slice(d);
+                operator.begin();
+                operator.advance(1.0);
             }
             return finished(LinearStatus::NegativeCurvature, iteration + 1, relative);
         }
         let step = rz / curvature;
         axpy(step, d, x);
+        operator.advance(step);
         relative = axpy_norm(-step, q, r) / b_norm;
         if relative <= tolerance {
             lanczos.push((step, 0.0));
@@ -197,6 +233,7 @@ pub(crate) fn minres(
 ) -> LinearSolution {
     let n = b.len();
     x.fill(Vector3::zeros());
+    operator.begin();
     let b_norm = norm(b);
     if b_norm == 0.0 {
         return finished(LinearStatus::Converged, 0, 0.0);
@@ -254,6 +291,8 @@ fn true_residual(
 ) -> LinearSolution {
     let mut r = zeros(b.len());
     operator.apply(x, &mut r);
+    operator.begin();
+    operator.advance(1.0);
     r.iter_mut().zip(b).for_each(|(r, b)| *r = b - *r);
     let relative = norm(&r) / norm(b);
     finished(status, iterations, relative)

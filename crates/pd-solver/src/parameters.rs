@@ -53,12 +53,10 @@ impl Parameters {
         ]
     }
 
-    /// Makes this all zeros in the shape of `like`, which a gradient starts from; its memory is used again.
-    pub(crate) fn clear_like(&mut self, like: &Parameters) {
+    /// Makes this what a gradient in the shape of `like` starts from: all zeros, but for the actuation, which elasticity writes over. Its memory
+    /// is used again.
+    pub(crate) fn begin_gradient(&mut self, like: &Parameters) {
         self.actuation.resize(like.actuation.len(), [0.0; 6]);
-        self.actuation
-            .par_chunks_mut(4096)
-            .for_each(|part| part.fill([0.0; 6]));
         for (own, (_, like)) in self.vectors_mut().into_iter().zip(like.vectors()) {
             own.clear();
             own.resize(like.len(), Vector3::zeros());

@@ -338,6 +338,26 @@ impl Problem {
 
     pub(crate) fn linearise(&mut self, u: &[Vector3<f64>]) {
         self.effects.iter_mut().for_each(|e| e.linearise(u));
+        self.after_linearisation(u);
+    }
+
+    /// [`Problem::linearise`], and the gradient at `u`; `gradient` is overwritten, and zero at prescribed nodes.
+    pub(crate) fn linearise_with_gradient(
+        &mut self,
+        u: &[Vector3<f64>],
+        gradient: &mut NodalVector,
+    ) {
+        gradient.fill(Vector3::zeros());
+        for effect in &mut self.effects {
+            effect.linearise_with_gradient(u, gradient);
+            self.work.local_projections += effect.projections();
+        }
+        self.work.evaluations += 1;
+        self.clear_prescribed(gradient);
+        self.after_linearisation(u);
+    }
+
+    fn after_linearisation(&mut self, u: &[Vector3<f64>]) {
         self.floating.iter_mut().for_each(|part| part.linearise(u));
         self.work.linearisations += 1;
         self.work.smallest_pair_sum = self

@@ -93,7 +93,11 @@ impl Solver {
         }
         problem.clear_prescribed(&mut space.scratch);
         problem.make_consistent(u, &mut space.scratch);
-        let mut system = System { problem, pre };
+        let mut system = System {
+            problem,
+            pre,
+            reactions: &mut space.reactions,
+        };
         let (b, krylov) = (&space.scratch, &mut space.krylov);
         solve_at(&mut system, u, b, krylov, false, LOOKED, MAX_LOOKS).status
     }

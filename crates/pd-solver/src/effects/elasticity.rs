@@ -24,7 +24,7 @@ use inverted::Inverted;
 use kernel::{
     Actuation, ActuationVjp, AddForces, EnergyGradient, HessianProduct, Linearisation, SampleLaw,
 };
-use linearise::Linearise;
+use linearise::{Linearise, LinearisingGradient};
 use nalgebra::Vector3;
 use plain::constant_blocks;
 pub(super) use plain::deformation_gradient;
@@ -156,27 +156,34 @@ impl Elasticity {
     }
 
     /// Adds the forces of the stresses that `law` answers the values `x` with, and returns the energy.
-    fn add_forces<L: SampleLaw>(
+    fn add_forces<L: SampleLaw + Copy + Sync>(
         &self,
         x: &[Vector3<f64>],
         out: &mut [Vector3<f64>],
-        law: &L,
+        law: L,
     ) -> f64 {
-        assert_eq!(x.len(), self.body.node_count, "one vector per node");
-        assert_eq!(out.len(), self.body.node_count, "one vector per node");
+        self.check(x);
+        self.check(out);
         with_rule!(&self.rule, rule => {
             self.slabs.run(out, &|blocks, first_node, out| {
-                self.arch.dispatch(AddForces {
-                    rule,
-                    law,
-                    first_block: blocks.start,
-                    blocks: &self.blocks[blocks],
-                    x,
-                    out,
-                    first_node,
-                })
+                let first_block = blocks.start;
+                let blocks = &self.blocks[blocks];
+                let (energy, _) =
+                    self.arch.dispatch(AddForces { rule, law, blocks, first_block, x, out, first_node });
+                energy
             })
         })
+    }
+
+    fn check(&self, x: &[Vector3<f64>]) {
+        assert_eq!(x.len(), self.body.node_count, "one vector per node");
+    }
+
+    /// The memory of linearisations, to be put back.
+    fn take_linearisation(&mut self) -> Vec<Linearisation> {
+        let mut all = std::mem::take(&mut self.linearisation);
+        all.resize(self.actuation.len(), Linearisation::unset());
+        all
     }
 }
 
@@ -221,13 +228,12 @@ impl Effect for Elasticity {
 
     fn energy_gradient(&mut self, u: &[Vector3<f64>], gradient: &mut NodalVector) -> f64 {
         let actuation = &self.actuation;
-        self.add_forces(u, gradient, &EnergyGradient { actuation })
+        self.add_forces(u, gradient, EnergyGradient { actuation })
     }
 
     fn linearise(&mut self, u: &[Vector3<f64>]) {
-        assert_eq!(u.len(), self.body.node_count, "one vector per node");
-        let mut all = std::mem::take(&mut self.linearisation);
-        all.resize(self.actuation.len(), Linearisation::unset());
+        self.check(u);
+        let mut all = self.take_linearisation();
         let per_task = BLOCKS_PER_TASK * self.samples();
         let smallest = with_rule!(&self.rule, rule => {
             all.par_chunks_mut(per_task)
@@ -242,13 +248,33 @@ impl Effect for Elasticity {
         self.smallest_pair_sum = Some(smallest);
     }
 
+    fn linearise_with_gradient(&mut self, u: &[Vector3<f64>], gradient: &mut NodalVector) {
+        self.check(u);
+        self.check(gradient);
+        let mut all = self.take_linearisation();
+        let samples = self.samples();
+        let smallest = with_rule!(&self.rule, rule => {
+            let per_block = (&mut all[..], samples);
+            self.slabs.run_with(gradient, per_block, (f64::INFINITY, f64::min), &|blocks, first_node, out, own| {
+                let first_block = blocks.start;
+                let law = LinearisingGradient::new(&self.actuation, first_block * samples, own);
+                let blocks = &self.blocks[blocks];
+                let (_, law) =
+                    self.arch.dispatch(AddForces { rule, law, blocks, first_block, x: u, out, first_node });
+                law.smallest()
+            })
+        });
+        self.linearisation = all;
+        self.smallest_pair_sum = Some(smallest);
+    }
+
     fn hessian_product(&mut self, x: &[Vector3<f64>], out: &mut NodalVector) {
         assert_eq!(self.linearisation.len(), self.actuation.len(), "linearised");
         let law = HessianProduct {
             actuation: &self.actuation,
             linearisation: &self.linearisation,
         };
-        self.add_forces(x, out, &law);
+        self.add_forces(x, out, law);
     }
 
     fn parameter_vjp(&mut self, u: &[Vector3<f64>], z: &[Vector3<f64>], out: &mut Parameters) {

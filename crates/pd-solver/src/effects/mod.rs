@@ -46,10 +46,17 @@ pub(crate) trait Effect: Send + Sync {
     /// Prepares Hessian products and parameter derivatives at `u`.
     fn linearise(&mut self, u: &[Vector3<f64>]);
 
+    /// [`Effect::linearise`], and adds the gradient at `u`.
+    fn linearise_with_gradient(&mut self, u: &[Vector3<f64>], gradient: &mut NodalVector) {
+        self.energy_gradient(u, gradient);
+        self.linearise(u);
+    }
+
     /// Adds `H x` at the last linearisation.
     fn hessian_product(&mut self, x: &[Vector3<f64>], out: &mut NodalVector);
 
-    /// Adds `-(d gradient / d parameters)^T z` at the last linearisation, which was at `u` and these parameters.
+    /// Adds `-(d gradient / d parameters)^T z` at the last linearisation, which was at `u` and these parameters. That by the actuation, which
+    /// elasticity alone has, is written over what the output holds.
     fn parameter_vjp(&mut self, u: &[Vector3<f64>], z: &[Vector3<f64>], out: &mut Parameters);
 
     /// The same effect on a coarser grid, for the coarse-to-fine start. Parameters keep their places but for the actuation, which

@@ -29,7 +29,11 @@ pub(crate) fn newton_direction(
 ) -> LinearSolution {
     problem.linearise(u);
     space.krylov.reserve(u.len());
-    let mut system = System { problem, pre };
+    let mut system = System {
+        problem,
+        pre,
+        reactions: &mut space.reactions,
+    };
     let solution = solve_at(
         &mut system,
         u,

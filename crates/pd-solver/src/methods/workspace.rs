@@ -1,5 +1,6 @@
 //! The vectors that methods work in, allocated once per body and used again by every solve.
 
+use crate::krylov::Reactions;
 use crate::vector::{NodalVector, zeros};
 
 /// Steps that L-BFGS remembers. With a good preconditioner the first few are what counts.
@@ -17,6 +18,7 @@ pub(crate) struct Workspace {
     pub(crate) direction: NodalVector,
     pub(crate) scratch: NodalVector,
     pub(crate) krylov: KrylovSpace,
+    pub(crate) reactions: Reactions,
     pub(crate) history: Vec<Pair>,
     /// Pairs that the last descent left there, of which the next one may take those that its preconditioner was built with.
     pub(crate) pairs: usize,

@@ -14,8 +14,11 @@ pub(super) const LANES: usize = 16;
 /// As many single-precision numbers as a kernel treats at once.
 pub(super) type Lanes = [f32; LANES];
 
-/// Levels with fewer numbers than this are not worth waking another thread for.
-const SERIAL: usize = 12_000;
+/// Levels with fewer numbers than this are not worth another thread. Those above it are as much for keeping it awake as for their own sake: to wake
+/// it on the next finer level takes longer than the work here.
+const SERIAL: usize = 3_000;
+/// Fewer numbers than this are one task.
+const TASK: usize = 2_000;
 
 /// The places of all nodes in a vector.
 pub(super) struct Layout {
@@ -200,7 +203,7 @@ fn run_parts<D: Cut>(
     let (low, high) = data.cut(starts[middle] - starts[0]);
     let run_low = || run_parts(low, &starts[..=middle], first, parallel, f);
     let run_high = || run_parts(high, &starts[middle..], first + middle, parallel, f);
-    if parallel {
+    if parallel && starts[parts] - starts[0] > TASK {
         rayon::join(run_low, run_high);
     } else {
         run_low();

@@ -1,7 +1,7 @@
 //! Gradients of losses on the positions that a solve found.
 
 use super::Solver;
-use crate::adjoint::{adjoint, is_equilibrium, refuse};
+use crate::adjoint::{adjoint, linearise_at_equilibrium, refuse};
 use crate::error::SolverError;
 use crate::methods::Preconditioner;
 use crate::parameters::{Parameters, check_array};
@@ -79,19 +79,20 @@ impl Solver {
         self.set_parameters(parameters);
         rayon::scope(|_| {
             let (problem, space) = (&mut self.problem, &mut self.space);
-            if !options.allow_unconverged && !is_equilibrium(problem, space, solution) {
+            let u = &solution.positions;
+            if options.allow_unconverged {
+                problem.linearise(u);
+            } else if !linearise_at_equilibrium(problem, space, solution) {
                 for out in out {
                     refuse(out, AdjointStatus::ForwardNotConverged, clock);
                 }
                 return;
             }
-            let u = &solution.positions;
             let pre: &mut dyn Preconditioner = match (&mut self.cycle, &mut self.constant) {
                 (Some(cycle), _) => cycle,
                 (None, Some(constant)) => constant,
                 _ => unreachable!("factored above"),
             };
-            problem.linearise(u);
             pre.prepare(problem, u);
             for (cotangent, out) in cotangents.iter().zip(out) {
                 adjoint(problem, pre, space, u, cotangent, options, out);

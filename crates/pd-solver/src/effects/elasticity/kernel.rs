@@ -100,10 +100,10 @@ impl Linearisation {
 }
 
 /// What stress a sample answers with.
-pub(super) trait SampleLaw: Sync {
+pub(super) trait SampleLaw {
     /// The stress at a sample of a block, by its number in the body, and twice the energy density (zero where there is none).
     fn stress<S: Simd>(
-        &self,
+        &mut self,
         simd: S,
         sample: usize,
         part: usize,
@@ -112,6 +112,7 @@ pub(super) trait SampleLaw: Sync {
 }
 
 /// Energy `1/2 |F - R A|^2` with R the polar rotation of F A, and its gradient `F - R A`.
+#[derive(Clone, Copy)]
 pub(super) struct EnergyGradient<'a> {
     pub(super) actuation: &'a [Actuation],
 }
@@ -119,7 +120,7 @@ pub(super) struct EnergyGradient<'a> {
 impl SampleLaw for EnergyGradient<'_> {
     #[inline(always)]
     fn stress<S: Simd>(
-        &self,
+        &mut self,
         simd: S,
         sample: usize,
         part: usize,
@@ -127,16 +128,28 @@ impl SampleLaw for EnergyGradient<'_> {
     ) -> (LaneMatrix<S>, S::f64s) {
         let a = self.actuation[sample].matrix::<S>(part);
         let rotation = polar_rotation_lanes(simd, &product(simd, f, &a));
-        let stress = difference(simd, f, &product(simd, &rotation, &a));
-        let mut square = simd.splat_f64s(0.0);
-        for x in &stress {
-            square = simd.mul_add_e_f64s(*x, *x, square);
-        }
-        (stress, square)
+        misfit(simd, f, &rotation, &a)
     }
 }
 
+/// `F - R A`, and its square.
+#[inline(always)]
+pub(super) fn misfit<S: Simd>(
+    simd: S,
+    f: &LaneMatrix<S>,
+    rotation: &LaneMatrix<S>,
+    a: &LaneMatrix<S>,
+) -> (LaneMatrix<S>, S::f64s) {
+    let stress = difference(simd, f, &product(simd, rotation, a));
+    let mut square = simd.splat_f64s(0.0);
+    for x in &stress {
+        square = simd.mul_add_e_f64s(*x, *x, square);
+    }
+    (stress, square)
+}
+
 /// The product of the Hessian with a direction: `dF - dR A`.
+#[derive(Clone, Copy)]
 pub(super) struct HessianProduct<'a> {
     pub(super) actuation: &'a [Actuation],
     pub(super) linearisation: &'a [Linearisation],
@@ -145,7 +158,7 @@ pub(super) struct HessianProduct<'a> {
 impl SampleLaw for HessianProduct<'_> {
     #[inline(always)]
     fn stress<S: Simd>(
-        &self,
+        &mut self,
         simd: S,
         sample: usize,
         part: usize,
@@ -168,10 +181,10 @@ fn difference<S: Simd>(simd: S, a: &LaneMatrix<S>, b: &LaneMatrix<S>) -> LaneMat
     out
 }
 
-/// Adds the forces of consecutive blocks to their nodes; gives the energy.
+/// Adds the forces of consecutive blocks to their nodes; gives the energy, and the law back.
 pub(super) struct AddForces<'a, const N: usize, L> {
     pub(super) rule: &'a TensorRule<N>,
-    pub(super) law: &'a L,
+    pub(super) law: L,
     pub(super) blocks: &'a [Block],
     /// Number of the first block in the body.
     pub(super) first_block: usize,
@@ -183,10 +196,10 @@ pub(super) struct AddForces<'a, const N: usize, L> {
 }
 
 impl<const N: usize, L: SampleLaw> WithSimd for AddForces<'_, N, L> {
-    type Output = f64;
+    type Output = (f64, L);
 
     #[inline(always)]
-    fn with_simd<S: Simd>(self, simd: S) -> f64 {
+    fn with_simd<S: Simd>(mut self, simd: S) -> (f64, L) {
         let samples = TensorRule::<N>::SAMPLES;
         let mut energy = 0.0;
         for (i, block) in self.blocks.iter().enumerate() {
@@ -222,11 +235,11 @@ impl<const N: usize, L: SampleLaw> WithSimd for AddForces<'_, N, L> {
             }
             block.scatter(&force, self.first_node, self.out);
         }
-        energy
+        (energy, self.law)
     }
 }
 
-/// Adds `w D^T (Rhat^T + Fhat^T H_R Ahat) y` of all samples of consecutive blocks (maths.md "Implicit adjoint").
+/// Writes `w D^T (Rhat^T + Fhat^T H_R Ahat) y` of all samples of consecutive blocks (maths.md "Implicit adjoint").
 pub(super) struct ActuationVjp<'a, const N: usize> {
     pub(super) rule: &'a TensorRule<N>,
     pub(super) blocks: &'a [Block],
@@ -265,7 +278,7 @@ impl<const N: usize> WithSimd for ActuationVjp<'_, N> {
                         *lanes.part_mut::<S>(0) = simd.mul_f64s(weight, b_bar);
                         let elements = out.chunks_exact_mut(samples).skip(part * S::F64_LANES);
                         for (out, b_bar) in elements.zip(&lanes.0[..S::F64_LANES]) {
-                            out[number][k] += b_bar;
+                            out[number][k] = *b_bar;
                         }
                     }
                 }

@@ -59,7 +59,31 @@ impl Slabs {
         out: &mut [Vector3<f64>],
         work: &(impl Fn(Range<usize>, usize, &mut [Vector3<f64>]) -> f64 + Sync),
     ) -> f64 {
-        self.phases.iter().map(|s| halves(s, 0, out, work)).sum()
+        let work = |blocks, first, out: &mut _, _: &mut [()]| work(blocks, first, out);
+        self.run_with(out, (&mut [], 0), (0.0, |a, b| a + b), &work)
+    }
+
+    /// As [`Slabs::run`], with the part of `data` that belongs to the slab's blocks, so many entries to each. What `work` returns is put
+    /// together by a function that has a neutral number.
+    pub(super) fn run_with<T: Send>(
+        &self,
+        out: &mut [Vector3<f64>],
+        (data, per_block): (&mut [T], usize),
+        (neutral, both): (f64, fn(f64, f64) -> f64),
+        work: &(impl Fn(Range<usize>, usize, &mut [Vector3<f64>], &mut [T]) -> f64 + Sync),
+    ) -> f64 {
+        let mut all = neutral;
+        for slabs in self.phases.iter().filter(|slabs| !slabs.is_empty()) {
+            let parts = Parts {
+                first_node: 0,
+                out,
+                first_block: 0,
+                data,
+                per_block,
+            };
+            all = both(all, halves(slabs, parts, both, work));
+        }
+        all
     }
 
     /// As [`Slabs::run`], by ranges of the `count` elements instead of blocks, for what returns nothing.
@@ -91,31 +115,61 @@ fn least_of(elements: &[[u32; 8]]) -> usize {
     nodes.fold(u32::MAX, |least, &n| least.min(n)) as usize
 }
 
-/// Runs the first and the second half of the slabs side by side; `out` begins with node `first`.
-fn halves(
-    slabs: &[Slab],
-    first: usize,
-    out: &mut [Vector3<f64>],
-    work: &(impl Fn(Range<usize>, usize, &mut [Vector3<f64>]) -> f64 + Sync),
-) -> f64 {
-    match slabs {
-        [] => 0.0,
-        [slab] => {
-            let Range { start, end } = slab.nodes;
-            let out = &mut out[start - first..end - first];
-            work(slab.blocks.clone(), start, out)
-        }
-        _ => {
-            let (low, high) = slabs.split_at(slabs.len() / 2);
-            let cut = high[0].nodes.start;
-            let (low_out, high_out) = out.split_at_mut(cut - first);
-            let (a, b) = rayon::join(
-                || halves(low, first, low_out, work),
-                || halves(high, cut, high_out, work),
-            );
-            a + b
-        }
+/// What consecutive slabs write to: nodes from `first_node` on, and `per_block` entries for each block from `first_block` on.
+struct Parts<'a, T> {
+    first_node: usize,
+    out: &'a mut [Vector3<f64>],
+    first_block: usize,
+    data: &'a mut [T],
+    per_block: usize,
+}
+
+impl<T> Parts<'_, T> {
+    /// What comes before a slab, and the rest.
+    fn cut(&mut self, slab: &Slab) -> (Parts<'_, T>, Parts<'_, T>) {
+        let (node, block) = (slab.nodes.start, slab.blocks.start);
+        let per_block = self.per_block;
+        let (low_out, high_out) = self.out.split_at_mut(node - self.first_node);
+        let (low, high) = (self.data).split_at_mut((block - self.first_block) * per_block);
+        (
+            Parts {
+                first_node: self.first_node,
+                out: low_out,
+                first_block: self.first_block,
+                data: low,
+                per_block,
+            },
+            Parts {
+                first_node: node,
+                out: high_out,
+                first_block: block,
+                data: high,
+                per_block,
+            },
+        )
     }
+}
+
+/// Runs the first and the second half of the slabs, of which there is one at least, side by side.
+fn halves<T: Send>(
+    slabs: &[Slab],
+    mut parts: Parts<T>,
+    both: fn(f64, f64) -> f64,
+    work: &(impl Fn(Range<usize>, usize, &mut [Vector3<f64>], &mut [T]) -> f64 + Sync),
+) -> f64 {
+    if let [slab] = slabs {
+        let (_, parts) = parts.cut(slab);
+        let out = &mut parts.out[..slab.nodes.len()];
+        let data = &mut parts.data[..slab.blocks.len() * parts.per_block];
+        return work(slab.blocks.clone(), parts.first_node, out, data);
+    }
+    let (low, high) = slabs.split_at(slabs.len() / 2);
+    let (low_parts, high_parts) = parts.cut(&high[0]);
+    let (a, b) = rayon::join(
+        || halves(low, low_parts, both, work),
+        || halves(high, high_parts, both, work),
+    );
+    both(a, b)
 }
 
 #[cfg(test)]

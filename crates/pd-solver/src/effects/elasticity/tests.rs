@@ -132,12 +132,17 @@ impl Case {
         let mut gradient = zeros(self.u.len());
         let mut product = gradient.clone();
         let mut vjp = Parameters::default();
-        vjp.clear_like(&self.parameters);
+        vjp.begin_gradient(&self.parameters);
+        // What was there before does not matter.
+        vjp.actuation.fill([7.0; 6]);
         let energy = effect.energy_gradient(&self.u, &mut gradient);
         effect.linearise(&self.u);
         effect.hessian_product(&self.z, &mut product);
         effect.parameter_vjp(&self.u, &self.z, &mut vjp);
         let smallest = effect.smallest_pair_sum().unwrap();
+        let at_once = self.with_gradient_at_once(effect);
+        assert!(gradient == at_once.0 && product == at_once.1);
+        assert!((at_once.2 - smallest).abs() <= 1e-11 * smallest);
         Answers {
             energy,
             gradient,
@@ -145,6 +150,17 @@ impl Case {
             actuation: vjp.actuation,
             smallest,
         }
+    }
+
+    /// Gradient, Hessian product and smallest pair sum where the gradient is asked for along with the linearisation.
+    fn with_gradient_at_once(&self, effect: &mut Elasticity) -> (NodalVector, NodalVector, f64) {
+        // Elsewhere before, so that nothing is left over from the last linearisation.
+        effect.linearise(&self.z);
+        let mut gradient = zeros(self.u.len());
+        let mut product = gradient.clone();
+        effect.linearise_with_gradient(&self.u, &mut gradient);
+        effect.hessian_product(&self.z, &mut product);
+        (gradient, product, effect.smallest_pair_sum().unwrap())
     }
 
     /// Sample by sample, with the dense gradient operator (maths.md).
