@@ -18,7 +18,7 @@ pub(super) struct Child {
     pub(super) element: u32,
     /// For elements of the finest grid: the table that turns their core into a matrix.
     pub(super) table: u32,
-    pub(super) interval: [[f32; 2]; 3],
+    pub(super) interval: [[f64; 2]; 3],
     pub(super) held: u8,
     /// Factor on the stiffness, for elements of the finest grid.
     stiffness: f32,
@@ -70,7 +70,7 @@ pub(super) fn set_up(
         Child {
             element,
             table,
-            interval: interval.map(|ends| ends.map(|x| x as f32)),
+            interval,
             held,
             stiffness: fine.stiffness[element as usize] as f32,
             share: fine.volume(element as usize) / grid.volume(parents[element as usize] as usize),

@@ -423,51 +423,45 @@ struct Diagonal<'a> {
     out: &'a mut [f32],
 }
 
-/// Takes from a diagonal block what a core takes from the force at corner `n` for a move of that corner: a sum of seven squares, one
-/// per coefficient of `m : g`.
+/// What the cores of a block take from the diagonal blocks of its elements' corners, a sum of seven squares per core: one matrix for all
+/// corners, and by the axes those whose sign at a corner is that of the bilinear mode which is constant along the axis.
+///
+/// With `m_j` the columns of a core, the constant of `m : g` is there `sum_j s_j m_j`, its slope along l `sum_(j != l) s_j s_l m_j`, and the
+/// factor of the product of the coordinates other than j is `s_x s_y s_z m_j`. So the squares add up to multiples of `m_j m_j^T` and of
+/// `s_j s_k (m_j m_k^T + m_k m_j^T)`.
 #[inline(always)]
-fn take_diagonal<S: Simd>(
+fn taken_from_diagonals<S: Simd>(
     simd: S,
-    core: &[Lanes; 9],
+    block: &Block,
     shift: usize,
-    n: usize,
-    hourglass: [f32; 2],
-    d: &mut [S::f32s; 6],
-) {
+    [slope, product]: [f32; 2],
+) -> ([S::f32s; 6], [[S::f32s; 6]; 3]) {
     let zero = simd.splat_f32s(0.0);
-    let mut signs = [zero; 8];
-    for (mode, out) in signs.iter_mut().enumerate() {
-        *out = simd.splat_f32s(sign(mode, n) as f32);
-    }
-    let (mut constant, mut linear, mut bilinear) = ([zero; 3], [[zero; 3]; 3], [[zero; 3]; 3]);
-    for i in 0..3 {
-        for axis in 0..3 {
-            let m = load::<S>(&core[3 * i + axis], shift);
-            constant[i] = simd.mul_add_e_f32s(m, signs[LINEAR[axis]], constant[i]);
-            let others = [(axis + 1) % 3, (axis + 2) % 3];
-            for (along, mode) in [(others[0], others[1]), (others[1], others[0])] {
-                linear[along][i] = simd.mul_add_e_f32s(m, signs[BILINEAR[mode]], linear[along][i]);
+    let (mut even, mut mixed) = ([zero; 6], [[zero; 6]; 3]);
+    for core in block.cores.as_chunks::<9>().0 {
+        let mut m = [zero; 9];
+        for (m, entry) in m.iter_mut().zip(core) {
+            *m = load::<S>(entry, shift);
+        }
+        for (entry, (row, column)) in SYMMETRIC.into_iter().enumerate() {
+            let (left, right) = (&m[3 * row..3 * row + 3], &m[3 * column..3 * column + 3]);
+            for (axis, mixed) in mixed.iter_mut().enumerate() {
+                let (j, k) = ((axis + 1) % 3, (axis + 2) % 3);
+                even[entry] = simd.mul_add_e_f32s(left[axis], right[axis], even[entry]);
+                let sum = simd.mul_add_e_f32s(left[j], right[k], mixed[entry]);
+                mixed[entry] = simd.mul_add_e_f32s(left[k], right[j], sum);
             }
-            bilinear[axis][i] = simd.mul_f32s(m, signs[TRILINEAR]);
         }
     }
-    let [two, three] = hourglass;
-    let squares = [
-        (constant, 1.0),
-        (linear[0], two),
-        (linear[1], two),
-        (linear[2], two),
-        (bilinear[0], three),
-        (bilinear[1], three),
-        (bilinear[2], three),
-    ];
-    for (q, weight) in squares {
-        let weight = simd.splat_f32s(weight);
-        for (d, (i, j)) in d.iter_mut().zip(SYMMETRIC) {
-            let taken = simd.mul_f32s(simd.mul_f32s(q[i], q[j]), weight);
-            *d = simd.sub_f32s(*d, taken);
-        }
+    let even_times = simd.splat_f32s(1.0 + 2.0 * slope + product);
+    let mixed_times = simd.splat_f32s(1.0 + slope);
+    for x in &mut even {
+        *x = simd.mul_f32s(*x, even_times);
     }
+    for x in mixed.as_flattened_mut() {
+        *x = simd.mul_f32s(*x, mixed_times);
+    }
+    (even, mixed)
 }
 
 /// Places of the six entries of a symmetric matrix.
@@ -480,17 +474,26 @@ impl WithSimd for Diagonal<'_> {
     fn with_simd<S: Simd>(self, simd: S) {
         let step = self.slab.step;
         let constant: f32 = self.stiffness.modes[1..].iter().sum();
+        let positive: [[bool; 3]; 8] =
+            std::array::from_fn(|n| BILINEAR.map(|mode| sign(mode, n) > 0.0));
         let zero = simd.splat_f32s(0.0);
         for block in self.blocks {
             for shift in (0..LANES).step_by(S::F32_LANES) {
                 let weight = load::<S>(&block.weight, shift);
                 let stiff = simd.mul_f32s(weight, simd.splat_f32s(constant));
+                let (even, mixed) =
+                    taken_from_diagonals(simd, block, shift, self.stiffness.hourglass);
                 for n in 0..8 {
                     let mut d = [stiff, zero, zero, stiff, zero, stiff];
-                    for core in block.cores.as_chunks::<9>().0 {
-                        take_diagonal(simd, core, shift, n, self.stiffness.hourglass, &mut d);
-                    }
-                    for (c, d) in d.iter().enumerate() {
+                    for (c, d) in d.iter_mut().enumerate() {
+                        *d = simd.sub_f32s(*d, even[c]);
+                        for (mixed, positive) in mixed.iter().zip(positive[n]) {
+                            *d = if positive {
+                                simd.sub_f32s(*d, mixed[c])
+                            } else {
+                                simd.add_f32s(*d, mixed[c])
+                            };
+                        }
                         add_to(simd, self.out, corner(block, step, c, 6, n) + shift, *d);
                     }
                 }

@@ -36,6 +36,8 @@ impl Smoother {
 
 /// Power steps of the estimate of the largest eigenvalue.
 const POWER_STEPS: usize = 6;
+/// Numbers per task where nothing depends on planes.
+const PART: usize = 8192;
 /// What the estimate may be too small by.
 const MARGIN: f32 = 1.2;
 
@@ -161,8 +163,8 @@ impl Level {
             self.start = self.random_vector();
         }
         self.x.copy_from_slice(&self.start);
+        let mut length = self.norm(&self.x);
         for _ in 0..POWER_STEPS {
-            let length = norm(&self.x);
             if length == 0.0 {
                 break;
             }
@@ -174,9 +176,20 @@ impl Level {
             };
             // d = D^-1 A x / |x|
             vectors.update(&self.layout, 0.0, -1.0 / length, &mut self.d, None);
-            self.largest = norm(&self.d) * MARGIN;
+            length = self.norm(&self.d);
+            self.largest = length * MARGIN;
             std::mem::swap(&mut self.d, &mut self.x);
         }
+    }
+
+    fn norm(&self, x: &[f32]) -> f32 {
+        let sum: f64 = if self.layout.parallel() {
+            let partial: Vec<f64> = x.par_chunks(PART).map(sum_of_squares).collect();
+            partial.iter().sum()
+        } else {
+            x.chunks(PART).map(sum_of_squares).sum()
+        };
+        sum.sqrt() as f32
     }
 
     /// Takes the largest eigenvalue for larger than it was estimated.
@@ -236,8 +249,8 @@ impl Level {
         let one = |(y, b): (&mut [f32], &[f32])| y.iter_mut().zip(b).for_each(|(y, b)| *y = b - *y);
         if self.layout.parallel() {
             self.y
-                .par_chunks_mut(8192)
-                .zip(self.b.par_chunks(8192))
+                .par_chunks_mut(PART)
+                .zip(self.b.par_chunks(PART))
                 .for_each(one);
         } else {
             one((&mut self.y, &self.b));
@@ -348,7 +361,15 @@ fn inverse(d: &[f32; 6]) -> [f32; 6] {
     [0.0; 6]
 }
 
-fn norm(x: &[f32]) -> f32 {
-    let squares = |chunk: &[f32]| -> f64 { chunk.iter().map(|&x| x as f64 * x as f64).sum() };
-    x.chunks(8192).map(squares).sum::<f64>().sqrt() as f32
+/// In several sums side by side, which do not wait for one another.
+fn sum_of_squares(x: &[f32]) -> f64 {
+    let (groups, rest) = x.as_chunks::<8>();
+    let mut sums = [0.0; 8];
+    for group in groups {
+        for (sum, &x) in sums.iter_mut().zip(group) {
+            *sum += f64::from(x) * f64::from(x);
+        }
+    }
+    let rest = rest.iter().map(|&x| f64::from(x) * f64::from(x));
+    sums.into_iter().chain(rest).sum()
 }
