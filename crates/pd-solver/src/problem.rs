@@ -323,11 +323,30 @@ impl Problem {
 
     /// Energy at `u`; `gradient` is overwritten, and zero at prescribed nodes.
     pub(crate) fn evaluate(&mut self, u: &[Vector3<f64>], gradient: &mut NodalVector) -> f64 {
+        self.evaluate_by(gradient, |effect, out| effect.energy_gradient(u, out))
+    }
+
+    /// [`Problem::evaluate`] where most of the body is at rest.
+    pub(crate) fn evaluate_at_rest(
+        &mut self,
+        u: &[Vector3<f64>],
+        gradient: &mut NodalVector,
+    ) -> f64 {
+        self.evaluate_by(gradient, |effect, out| {
+            effect.energy_gradient_at_rest(u, out)
+        })
+    }
+
+    fn evaluate_by(
+        &mut self,
+        gradient: &mut NodalVector,
+        f: impl Fn(&mut dyn Effect, &mut NodalVector) -> f64,
+    ) -> f64 {
         let clock = Instant::now();
         gradient.fill(Vector3::zeros());
         let mut energy = 0.0;
         for effect in &mut self.effects {
-            energy += effect.energy_gradient(u, gradient);
+            energy += f(effect.as_mut(), gradient);
             self.work.local_projections += effect.projections();
         }
         self.work.evaluations += 1;

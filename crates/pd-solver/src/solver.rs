@@ -256,7 +256,7 @@ impl Solver {
                     let norm = self.problem.gradient_norm_apart(u, gradient);
                     (f64::INFINITY, Some(norm))
                 } else {
-                    let energy = self.problem.evaluate(u, &mut self.space.gradient);
+                    let energy = self.problem.evaluate_at_rest(u, &mut self.space.gradient);
                     (energy, Some(norm(&self.space.gradient)))
                 }
             }

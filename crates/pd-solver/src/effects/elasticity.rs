@@ -22,7 +22,8 @@ use block::{Block, LANES};
 use hex_mesh::{HexMesh, Quadrature};
 use inverted::Inverted;
 use kernel::{
-    Actuation, ActuationVjp, AddForces, EnergyGradient, HessianProduct, Linearisation, SampleLaw,
+    Actuation, ActuationVjp, AddForces, AtRest, EnergyGradient, HessianProduct, Linearisation,
+    SampleLaw,
 };
 use linearise::{Linearise, LinearisingGradient};
 use nalgebra::Vector3;
@@ -229,6 +230,11 @@ impl Effect for Elasticity {
     fn energy_gradient(&mut self, u: &[Vector3<f64>], gradient: &mut NodalVector) -> f64 {
         let actuation = &self.actuation;
         self.add_forces(u, gradient, EnergyGradient { actuation })
+    }
+
+    fn energy_gradient_at_rest(&mut self, u: &[Vector3<f64>], gradient: &mut NodalVector) -> f64 {
+        let actuation = &self.actuation;
+        self.add_forces(u, gradient, AtRest(EnergyGradient { actuation }))
     }
 
     fn linearise(&mut self, u: &[Vector3<f64>]) {

@@ -43,6 +43,11 @@ pub(crate) trait Effect: Send + Sync {
     /// Adds the gradient at `u` and returns the energy.
     fn energy_gradient(&mut self, u: &[Vector3<f64>], gradient: &mut NodalVector) -> f64;
 
+    /// [`Effect::energy_gradient`] where most of the body is at rest.
+    fn energy_gradient_at_rest(&mut self, u: &[Vector3<f64>], gradient: &mut NodalVector) -> f64 {
+        self.energy_gradient(u, gradient)
+    }
+
     /// Prepares Hessian products and parameter derivatives at `u`.
     fn linearise(&mut self, u: &[Vector3<f64>]);
 

@@ -106,7 +106,8 @@ impl CoarseBody {
         let rest = &mut self.space.scratch;
         rest.copy_from_slice(&self.problem.rest);
         self.problem.impose(&self.parameters, rest);
-        self.problem.evaluate(rest, &mut self.space.gradient);
+        self.problem
+            .evaluate_at_rest(rest, &mut self.space.gradient);
         let target = Target {
             tell_error: false,
             accuracy: None,

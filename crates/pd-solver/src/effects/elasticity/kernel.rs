@@ -8,7 +8,7 @@ use super::tensor::{Gradients, TensorRule};
 use nalgebra::Vector3;
 use polar_grad::lanes::{
     LaneMatrix, SymmetricLanes, polar_rotation_lanes, product, rotation_tangent_lanes,
-    transposed_product,
+    symmetric_adjugate, transposed_product,
 };
 use pulp::{Simd, WithSimd};
 
@@ -132,6 +132,55 @@ impl SampleLaw for EnergyGradient<'_> {
     }
 }
 
+/// How far from the identity a deformation gradient may be, squared, to count as that of rest.
+const REST2: f64 = 1e-20;
+
+/// The same where most samples are at rest and A is positive definite: the rotation is the identity there.
+#[derive(Clone, Copy)]
+pub(super) struct AtRest<'a>(pub(super) EnergyGradient<'a>);
+
+impl SampleLaw for AtRest<'_> {
+    #[inline(always)]
+    fn stress<S: Simd>(
+        &mut self,
+        simd: S,
+        sample: usize,
+        part: usize,
+        f: &LaneMatrix<S>,
+    ) -> (LaneMatrix<S>, S::f64s) {
+        let actuation = &self.0.actuation[sample];
+        let (zero, one) = (simd.splat_f64s(0.0), simd.splat_f64s(1.0));
+        let mut away = zero;
+        for (i, f) in f.iter().enumerate() {
+            let d = simd.sub_f64s(*f, if i % 4 == 0 { one } else { zero });
+            away = simd.mul_add_e_f64s(d, d, away);
+        }
+        let mut entries = [zero; 6];
+        for (entry, lanes) in entries.iter_mut().zip(&actuation.0) {
+            *entry = lanes.part::<S>(part);
+        }
+        let (adjugate, determinant) = symmetric_adjugate(simd, &entries);
+        let mut there = simd.less_than_f64s(away, simd.splat_f64s(REST2));
+        for minor in [entries[0], adjugate[5], determinant] {
+            there = simd.and_m64s(there, simd.less_than_f64s(zero, minor));
+        }
+        if simd.first_true_m64s(simd.not_m64s(there)) == S::F64_LANES {
+            let stress = difference(simd, f, &actuation.matrix::<S>(part));
+            return (stress, square(simd, &stress));
+        }
+        self.0.stress(simd, sample, part, f)
+    }
+}
+
+#[inline(always)]
+fn square<S: Simd>(simd: S, x: &LaneMatrix<S>) -> S::f64s {
+    let mut square = simd.splat_f64s(0.0);
+    for x in x {
+        square = simd.mul_add_e_f64s(*x, *x, square);
+    }
+    square
+}
+
 /// `F - R A`, and its square.
 #[inline(always)]
 pub(super) fn misfit<S: Simd>(
@@ -141,11 +190,7 @@ pub(super) fn misfit<S: Simd>(
     a: &LaneMatrix<S>,
 ) -> (LaneMatrix<S>, S::f64s) {
     let stress = difference(simd, f, &product(simd, rotation, a));
-    let mut square = simd.splat_f64s(0.0);
-    for x in &stress {
-        square = simd.mul_add_e_f64s(*x, *x, square);
-    }
-    (stress, square)
+    (stress, square(simd, &stress))
 }
 
 /// The product of the Hessian with a direction: `dF - dR A`.

@@ -3,7 +3,7 @@
 
 use super::plain::deformation_gradient;
 use super::*;
-use crate::vector::zeros;
+use crate::vector::{max_norm, zeros};
 use hex_mesh::{QuadratureRule, trilinear_gradients};
 use polar_grad::{HessianCore, actuation_from_b, actuation_vjp};
 
@@ -339,5 +339,52 @@ fn modes_complete_the_constant_block() {
     let full = sum(constant_blocks(Quadrature::Eight));
     for (a, b) in completed.as_flattened().iter().zip(full.as_flattened()) {
         assert!((a - b).abs() < 1e-14);
+    }
+}
+
+/// At rest, or near it, or not: the same energy and gradient as by rotations, whether A is positive definite or not.
+#[test]
+fn evaluations_at_rest_are_evaluations() {
+    let mut case = Case::solid([4, 5, 7], Quadrature::Eight);
+    let mesh = HexMesh::solid_box([4, 5, 7], 0.5, Quadrature::Eight).unwrap();
+    let bend = |x: &Vector3<f64>| x + Vector3::new(0.0, 0.3 * x.x * x.x, 0.0);
+    let bent = |from: f64| -> NodalVector {
+        let nodes = mesh.nodes().iter();
+        nodes
+            .map(|x| if x.z > from { bend(x) } else { *x })
+            .collect()
+    };
+    let far = |shift: f64| -> NodalVector {
+        let nodes = mesh.nodes().iter();
+        nodes.map(|x| x + Vector3::repeat(shift)).collect()
+    };
+    for (name, u) in [
+        ("rest", far(0.0)),
+        ("far", far(1e3)),
+        ("in part", bent(1.6)),
+        ("bent", bent(-1.0)),
+    ] {
+        for indefinite in [false, true] {
+            case.u.copy_from_slice(&u);
+            if indefinite {
+                for b in case.parameters.actuation.iter_mut().step_by(13) {
+                    b[3] = -1.5;
+                }
+            }
+            let mut effect = case.effect();
+            let (mut expected, mut gradient) = (zeros(u.len()), zeros(u.len()));
+            let energy = effect.energy_gradient(&u, &mut expected);
+            let at_rest = effect.energy_gradient_at_rest(&u, &mut gradient);
+            assert!(
+                (at_rest - energy).abs() < 1e-11 * energy,
+                "{name}: {at_rest} {energy}"
+            );
+            let error = gradient.iter().zip(&expected).map(|(a, b)| (a - b).norm());
+            let (error, size) = (error.fold(0.0, f64::max), max_norm(&expected));
+            assert!(
+                error < 1e-9 * size,
+                "{name}, indefinite {indefinite}: {error:e} of {size:e}"
+            );
+        }
     }
 }
