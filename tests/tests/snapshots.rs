@@ -248,7 +248,7 @@ fn an_actuated_block() {
     LocalGlobal to 1e-3: 197 iterations, 199 evaluations, 208 constant solves, 1 linearisations, 11 Hessian products
     Lbfgs to 1e-4: 38 iterations, 40 evaluations, 49 constant solves, 1 linearisations, 11 Hessian products
     Newton to 1e-6: 8 iterations, 11 evaluations, 48 constant solves, 8 linearisations, 48 Hessian products
-    adjoint to 1e-6: 31 iterations, 1 evaluations, 31 constant solves, 1 linearisations, 32 Hessian products
+    adjoint to 1e-6: 31 iterations, 1 evaluations, 31 constant solves, 1 linearisations, 31 Hessian products
     ");
 }
 
@@ -391,12 +391,12 @@ fn shapes_of_the_starfish() {
     198 elements, 456 nodes, 49 of them prescribed, elements of all levels [198]
     curl, pulled: energy 1.10928e-4; 5 iterations, 7 evaluations, 5 constant solves, 0 linearisations, 0 Hessian products
     curl, actuated: passive energy 3.93612e-5; 52 iterations, 54 evaluations, 79 constant solves, 1 linearisations, 27 Hessian products
-    curl, adjoint: 53 iterations, 1 evaluations, 53 constant solves, 1 linearisations, 54 Hessian products
+    curl, adjoint: 53 iterations, 1 evaluations, 53 constant solves, 1 linearisations, 53 Hessian products
     twist, pulled: energy 1.00613e-4; 6 iterations, 8 evaluations, 6 constant solves, 0 linearisations, 0 Hessian products
     twist, actuated: passive energy 6.51551e-5; 59 iterations, 61 evaluations, 86 constant solves, 1 linearisations, 27 Hessian products
-    twist, adjoint: 54 iterations, 1 evaluations, 54 constant solves, 1 linearisations, 55 Hessian products
+    twist, adjoint: 54 iterations, 1 evaluations, 54 constant solves, 1 linearisations, 54 Hessian products
     bloom, pulled: energy 1.69683e-4; 5 iterations, 7 evaluations, 5 constant solves, 0 linearisations, 0 Hessian products
     bloom, actuated: passive energy 1.32026e-4; 58 iterations, 60 evaluations, 85 constant solves, 1 linearisations, 27 Hessian products
-    bloom, adjoint: 53 iterations, 1 evaluations, 53 constant solves, 1 linearisations, 54 Hessian products
+    bloom, adjoint: 53 iterations, 1 evaluations, 53 constant solves, 1 linearisations, 53 Hessian products
     ");
 }

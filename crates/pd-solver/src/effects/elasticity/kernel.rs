@@ -161,6 +161,9 @@ impl SampleLaw for AtRest<'_> {
         }
         let (adjugate, determinant) = symmetric_adjugate(simd, &entries);
         let mut there = simd.less_than_f64s(away, simd.splat_f64s(REST2));
+        // Of what overflowed signs tell nothing.
+        let finite = simd.less_than_f64s(determinant, simd.splat_f64s(f64::MAX));
+        there = simd.and_m64s(there, finite);
         for minor in [entries[0], adjugate[5], determinant] {
             there = simd.and_m64s(there, simd.less_than_f64s(zero, minor));
         }
