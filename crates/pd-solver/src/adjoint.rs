@@ -106,7 +106,7 @@ pub(crate) fn adjoint(
     let negative_curvature = linear.status == LinearStatus::NegativeCurvature;
     if linear.status != LinearStatus::Converged {
         // MINRES takes any Hessian, but its preconditioner has to be positive definite.
-        system.pre.project(u);
+        system.pre.project(system.problem, u);
         linear = minres(
             &mut system,
             &space.scratch,

@@ -100,7 +100,7 @@ pub(crate) fn solve_at(
 ) -> LinearSolution {
     let mut linear = conjugate_gradients(system, b, space, warm, tolerance, max_iterations);
     for _ in 0..STRENGTHENINGS {
-        if linear.status != LinearStatus::Breakdown || !system.pre.strengthen(u) {
+        if linear.status != LinearStatus::Breakdown || !system.pre.strengthen(system.problem, u) {
             break;
         }
         linear = conjugate_gradients(system, b, space, false, tolerance, max_iterations);

@@ -32,11 +32,11 @@ impl Preconditioner for ConstantSystem {
 
     fn rebuild(&mut self, _problem: &mut Problem, _u: &[Vector3<f64>]) {}
 
-    fn project(&mut self, _u: &[Vector3<f64>]) -> bool {
+    fn project(&mut self, _problem: &Problem, _u: &[Vector3<f64>]) -> bool {
         false
     }
 
-    fn strengthen(&mut self, _u: &[Vector3<f64>]) -> bool {
+    fn strengthen(&mut self, _problem: &Problem, _u: &[Vector3<f64>]) -> bool {
         false
     }
 }
@@ -51,6 +51,8 @@ pub(crate) struct Cycle {
     thin: bool,
     /// Whether anything touched where it was built.
     touched: bool,
+    /// The multigrid does not have the last actuation yet: a solve that gets by without building it does not ask for its means.
+    outdated: bool,
 }
 
 impl Cycle {
@@ -61,6 +63,7 @@ impl Cycle {
             built_at: Vec::new(),
             element_size,
             touched: false,
+            outdated: true,
         }
     }
 
@@ -70,7 +73,21 @@ impl Cycle {
         self.multigrid.trust(0);
     }
 
-    fn build(&mut self, u: &[Vector3<f64>]) {
+    /// Says that the problem has another actuation.
+    pub(crate) fn actuate(&mut self) {
+        self.outdated = true;
+    }
+
+    /// Gives the multigrid the actuation that the problem has.
+    pub(crate) fn refresh(&mut self, problem: &Problem) {
+        if std::mem::take(&mut self.outdated) {
+            self.multigrid
+                .set_actuation(|out| problem.mean_actuation(out));
+        }
+    }
+
+    fn build(&mut self, problem: &Problem, u: &[Vector3<f64>]) {
+        self.refresh(problem);
         self.multigrid.rebuild(0, u);
         self.built_at.clear();
         self.built_at.extend_from_slice(u);
@@ -102,12 +119,15 @@ impl Preconditioner for Cycle {
         let near = |(a, b): (&Vector3<f64>, &Vector3<f64>)| (a - b).norm_squared() <= limit * limit;
         let far = self.built_at.len() != u.len() || !self.built_at.iter().zip(u).all(near);
         match self.touches(problem, u) {
-            Some(touches) if !far => self.multigrid.touch(touches, u),
+            Some(touches) if !far => {
+                self.refresh(problem);
+                self.multigrid.touch(touches, u);
+            }
             Some(touches) => {
                 self.multigrid.set_touches(touches);
-                self.build(u);
+                self.build(problem, u);
             }
-            None if far => self.build(u),
+            None if far => self.build(problem, u),
             None => {}
         }
         far
@@ -117,15 +137,20 @@ impl Preconditioner for Cycle {
         if let Some(touches) = self.touches(problem, u) {
             self.multigrid.set_touches(touches);
         }
-        self.build(u);
+        self.build(problem, u);
     }
 
-    fn project(&mut self, u: &[Vector3<f64>]) -> bool {
+    fn project(&mut self, problem: &Problem, u: &[Vector3<f64>]) -> bool {
+        self.refresh(problem);
         self.multigrid.project(0, u)
     }
 
-    fn strengthen(&mut self, u: &[Vector3<f64>]) -> bool {
+    fn strengthen(&mut self, problem: &Problem, u: &[Vector3<f64>]) -> bool {
+        self.refresh(problem);
         self.multigrid.strengthen(0, u);
         true
     }
 }
+
+#[cfg(test)]
+mod tests;

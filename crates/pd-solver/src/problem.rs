@@ -279,6 +279,11 @@ impl Problem {
             .for_each(|e| e.set_parameters(parameters));
     }
 
+    /// Writes the mean A of every element.
+    pub(crate) fn mean_actuation(&self, out: &mut [[f64; 6]]) {
+        self.effects.iter().for_each(|e| e.mean_actuation(out));
+    }
+
     /// Whether the constant matrix bounds the Hessian.
     pub(crate) fn is_bounded(&self) -> bool {
         self.effects.iter().all(|e| e.is_bounded())

@@ -135,10 +135,7 @@ impl Solver {
         };
         self.problem.set_parameters(parameters);
         if let Some(cycle) = &mut self.cycle {
-            let samples = parameters.actuation.len() / self.problem.elements;
-            cycle
-                .multigrid
-                .set_actuation(&parameters.actuation, samples);
+            cycle.actuate();
         }
         self.problem.activation = activation;
     }
@@ -269,6 +266,7 @@ impl Solver {
                 self.problem.impose(parameters, u);
             }
             (None, Method::Multigrid, Some(cycle)) if !self.coarse.is_empty() => {
+                cycle.refresh(&self.problem);
                 let (coarse, rest) = (&mut self.coarse, &self.problem.rest);
                 coarse_iterations =
                     coarse_to_fine::start(coarse, &mut cycle.multigrid, parameters, rest, u);

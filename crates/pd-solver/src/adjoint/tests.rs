@@ -50,11 +50,11 @@ impl Preconditioner for Factor {
 
     fn rebuild(&mut self, _problem: &mut Problem, _u: &[Vector3<f64>]) {}
 
-    fn project(&mut self, _u: &[Vector3<f64>]) -> bool {
+    fn project(&mut self, _problem: &Problem, _u: &[Vector3<f64>]) -> bool {
         false
     }
 
-    fn strengthen(&mut self, _u: &[Vector3<f64>]) -> bool {
+    fn strengthen(&mut self, _problem: &Problem, _u: &[Vector3<f64>]) -> bool {
         false
     }
 }

@@ -227,6 +227,19 @@ impl Effect for Elasticity {
             });
     }
 
+    fn mean_actuation(&self, out: &mut [[f64; 6]]) {
+        let samples = self.samples();
+        out.par_chunks_mut(LANES)
+            .zip(self.actuation.par_chunks(samples))
+            .with_min_len(BLOCKS_PER_TASK)
+            .for_each(|(out, of_block)| {
+                let mean = Actuation::mean(of_block);
+                for (lane, out) in out.iter_mut().enumerate() {
+                    *out = mean.get(lane);
+                }
+            });
+    }
+
     fn energy_gradient(&mut self, u: &[Vector3<f64>], gradient: &mut NodalVector) -> f64 {
         let actuation = &self.actuation;
         self.add_forces(u, gradient, EnergyGradient { actuation })

@@ -68,6 +68,9 @@ pub(crate) trait Effect: Send + Sync {
     /// has eight samples per coarse element. `None` for what a coarse body cannot have: there is no such start then.
     fn coarsen(&self, view: &CoarseView) -> Option<Box<dyn Effect>>;
 
+    /// Writes the mean A of the samples of every element; elasticity alone has one.
+    fn mean_actuation(&self, _out: &mut [[f64; 6]]) {}
+
     /// Whether the constant matrix bounds the Hessian, so that methods without a line search get along with it.
     fn is_bounded(&self) -> bool {
         true

@@ -55,11 +55,11 @@ impl Preconditioner for AtLevel<'_> {
         self.multigrid.rebuild(self.level, u);
     }
 
-    fn project(&mut self, u: &[Vector3<f64>]) -> bool {
+    fn project(&mut self, _problem: &Problem, u: &[Vector3<f64>]) -> bool {
         self.multigrid.project(self.level, u)
     }
 
-    fn strengthen(&mut self, u: &[Vector3<f64>]) -> bool {
+    fn strengthen(&mut self, _problem: &Problem, u: &[Vector3<f64>]) -> bool {
         self.multigrid.strengthen(self.level, u);
         true
     }

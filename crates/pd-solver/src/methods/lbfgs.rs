@@ -281,7 +281,7 @@ pub(crate) fn lbfgs(
                 history.count = 0;
                 since_rebuild = 0;
                 pre.rebuild(problem, u);
-            } else if strengthened < STRENGTHENINGS && pre.strengthen(u) {
+            } else if strengthened < STRENGTHENINGS && pre.strengthen(problem, u) {
                 strengthened += 1;
             } else {
                 break Status::Stalled;

@@ -36,10 +36,10 @@ pub(crate) trait Preconditioner {
     fn rebuild(&mut self, problem: &mut Problem, u: &[Vector3<f64>]);
 
     /// Builds it at `u` so that it is positive definite whatever the state; false where it already was.
-    fn project(&mut self, u: &[Vector3<f64>]) -> bool;
+    fn project(&mut self, problem: &Problem, u: &[Vector3<f64>]) -> bool;
 
     /// Makes it safer after it was found not to be positive definite at `u`; false where that is not possible.
-    fn strengthen(&mut self, u: &[Vector3<f64>]) -> bool;
+    fn strengthen(&mut self, problem: &Problem, u: &[Vector3<f64>]) -> bool;
 }
 
 /// When a method may stop: at an estimated error in length units, or at a gradient norm; the gradient norm is never zero.

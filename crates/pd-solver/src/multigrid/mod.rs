@@ -176,19 +176,9 @@ impl Multigrid {
         &self.hierarchy
     }
 
-    /// Takes over the actuation b of all samples, `samples` per element.
-    pub(crate) fn set_actuation(&mut self, b: &[[f64; 6]], samples: usize) {
-        let share = 1.0 / samples as f64;
-        self.actuation[0]
-            .par_iter_mut()
-            .zip(b.par_chunks(samples))
-            .with_min_len(CHUNK)
-            .for_each(|(a, b)| {
-                *a = [1.0, 0.0, 0.0, 1.0, 0.0, 1.0];
-                for b in b {
-                    a.iter_mut().zip(b).for_each(|(a, b)| *a += share * b);
-                }
-            });
+    /// Takes over the mean A of every element, which `write` writes for the finest level.
+    pub(crate) fn set_actuation(&mut self, write: impl FnOnce(&mut [Symmetric])) {
+        write(&mut self.actuation[0]);
         for l in 1..self.levels.len() {
             let (fine, coarse) = self.actuation.split_at_mut(l);
             let (fine, coarse) = (&fine[l - 1], &mut coarse[0]);

@@ -33,6 +33,24 @@ impl Actuation {
         }
     }
 
+    /// A in one lane.
+    pub(super) fn get(&self, lane: usize) -> [f64; 6] {
+        self.0.map(|entry| entry.0[lane])
+    }
+
+    /// The mean over samples, lane by lane.
+    pub(super) fn mean(samples: &[Self]) -> Self {
+        let share = 1.0 / samples.len() as f64;
+        let mut mean = [Lanes::ZERO; 6];
+        for sample in samples {
+            for (mean, entry) in mean.iter_mut().zip(&sample.0) {
+                let lanes = mean.0.iter_mut().zip(&entry.0);
+                lanes.for_each(|(mean, a)| *mean += share * a);
+            }
+        }
+        Self(mean)
+    }
+
     #[inline(always)]
     pub(super) fn matrix<S: Simd>(&self, part: usize) -> LaneMatrix<S> {
         let mut out = [self.0[0].part::<S>(part); 9];
