@@ -388,3 +388,38 @@ fn evaluations_at_rest_are_evaluations() {
         }
     }
 }
+
+/// Lanes gather by the nodes of elements, so an array that has more than those would not be noticed otherwise.
+#[test]
+#[should_panic(expected = "one vector per node")]
+fn a_vector_too_many_is_refused() {
+    let case = Case::row(3, Quadrature::Eight);
+    let mut u = case.u.clone();
+    u.push(Vector3::zeros());
+    let mut gradient = zeros(case.u.len());
+    case.effect().energy_gradient(&u, &mut gradient);
+}
+
+/// By lanes as many samples are inside out as have a negative determinant one by one; of lanes that hold no element none is.
+#[test]
+fn inverted_samples_are_those_with_a_negative_determinant() {
+    for quadrature in [Quadrature::One, Quadrature::Eight, Quadrature::TwentySeven] {
+        let case = Case::row(21, quadrature);
+        let rule = QuadratureRule::new(quadrature);
+        let effect = case.effect();
+        // Random positions turn about half of the samples inside out.
+        for (u, some) in [(&case.u, false), (&case.z, true)] {
+            let mut count = 0;
+            for (nodes, size) in case.elements.iter().zip(&case.sizes) {
+                let corners = nodes.map(|n| u[n as usize]);
+                let determinant = |point: &_| {
+                    let g = trilinear_gradients(point).map(|g| g.component_div(size));
+                    deformation_gradient(&corners, &g).determinant()
+                };
+                count += rule.points.iter().filter(|p| determinant(p) < 0.0).count();
+            }
+            assert!(!some || (count > 0 && count < 21 * rule.len()));
+            assert_eq!(effect.inverted_samples(u), count, "{}", rule.len());
+        }
+    }
+}
