@@ -38,7 +38,7 @@ cargo xtask COMMAND
   coverage [ARGS]
                  run all tests and tell how many lines of each crate they run (arguments go to cargo llvm-cov)
   mutants [ARGS] change the derivatives, the effects and the adjoint on purpose, one place at a time, and tell which changes no test notices
-                 (arguments go to cargo mutants; docs/mutants.md tells more; days for all of them)
+                 (arguments go to cargo mutants; docs/mutants.md tells more; a day for all of them)
   bench [ARGS]   run all benches of the crates (arguments begin with - and go to cargo bench)
   bench box|body|methods|kernels|warm|effects|threads|roofline [...]
                  measure whole solves, kernels and the machine
