@@ -3,9 +3,9 @@
 mod common;
 
 use common::{Numbers, difference, dot, elasticity, held, nodes_where};
-use hex_mesh::{NodeRegion, Quadrature, embed};
+use hex_mesh::{HexMesh, NodeRegion, Quadrature, embed};
 use nalgebra::Vector3;
-use pd_solver::{EffectSpec, EmbeddedSurface, Solver, SpringPoints};
+use pd_solver::{EffectSpec, EmbeddedSurface, NodeSet, Solver, SolverError, SpringPoints};
 
 /// At rest nothing is strained but the springs: the energy is `sum_p k f_p / 2 |d_p|^2` with targets off by `d_p`, and the forces on all nodes
 /// add up to those of the springs.
@@ -139,4 +139,27 @@ fn a_force_on_single_vertices_is_shared_alike() {
         };
         assert!((g + force * share).norm() < 1e-14, "{node} {g}");
     }
+}
+
+/// Of two pieces one is prescribed; the other is held only if the springs are at one of its own nodes.
+#[test]
+fn springs_hold_the_piece_that_they_are_at() {
+    let cells = vec![[0, 0, 0], [2, 0, 0]];
+    let mesh = HexMesh::from_cells(cells, Vector3::zeros(), 1.0, Quadrature::Eight).unwrap();
+    let with_springs_at = |x: f64| {
+        let springs = EffectSpec::Springs {
+            points: SpringPoints::Nodes(NodeSet::Indices(nodes_where(&mesh, |p| p.x == x))),
+            stiffness: 1.0,
+        };
+        let wall = nodes_where(&mesh, |p| p.x == 0.0);
+        Solver::new(&mesh, &[elasticity(), held(wall), springs])
+    };
+    assert!(with_springs_at(3.0).is_ok());
+    let error = with_springs_at(1.0)
+        .err()
+        .expect("the second piece is loose");
+    assert!(
+        matches!(error, SolverError::NotHeld { count: 8, .. }),
+        "{error}"
+    );
 }

@@ -179,6 +179,24 @@ mod tests {
         }
     }
 
+    /// `s_x >= s_y >= |s_z|`, with the sign and the distance from a reflection that the name says.
+    #[test]
+    fn hard_classes_are_what_they_are_called() {
+        for &(name, [x, y, z]) in HARD_CLASSES {
+            assert!(x >= y && y >= z.abs(), "{name}");
+            let words = ["inverted", "reflection", "tie"];
+            assert_eq!(z < 0.0, words.iter().any(|w| name.contains(w)), "{name}");
+            let gap = match name {
+                "nearly a reflection" => 1e-3,
+                "within 1e-8 of a reflection" => 1e-8,
+                "within 1e-14 of a reflection" => 1e-14,
+                "reflection" | "tie s_y = -s_z" => 0.0,
+                _ => continue,
+            };
+            assert!((y + z - gap).abs() < 1e-16, "{name}: {:e}", y + z);
+        }
+    }
+
     #[test]
     fn hard_cases_are_every_class_at_every_scale() {
         let mut cases = hard_cases(2);

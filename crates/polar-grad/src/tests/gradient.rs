@@ -81,6 +81,8 @@ fn factor_inverts_the_pair_sums() {
 
 #[test]
 fn floors_are_as_documented() {
+    assert_eq!(PAIR_SUM_FLOOR, 2f64.powi(-40));
+    assert_eq!(PAIR_SUM_MIN, 2f64.powi(-511));
     let reflection = RotationGradient::at(&planted([3.0, 1.0, -1.0], 5).matrix);
     let largest = reflection.factor.symmetric_eigenvalues().max();
     assert!((largest * 3.0 * PAIR_SUM_FLOOR - 1.0).abs() < 1e-3);

@@ -168,3 +168,34 @@ fn nearest_points_are_means_of_corners() {
         }
     }
 }
+
+/// What leads across a plane, or from edge to edge, is along the common normal to the last digits, however near both sides are.
+#[test]
+fn the_way_across_is_along_the_normal() {
+    let mut numbers = Numbers(17);
+    let mut seen = [0; 2];
+    for _ in 0..200 {
+        let x = numbers.quad();
+        // The same triangle with a point just above its middle; edges that cross in theirs, just apart.
+        let normal = (x[2] - x[1]).cross(&(x[3] - x[1])).normalize();
+        let middle = (x[1] + x[2] + x[3]) / 3.0;
+        let above = [middle + normal * 1e-9, x[1], x[2], x[3]];
+        let (u, v) = (x[1] - x[0], x[3] - x[2]);
+        let across = u.cross(&v).normalize();
+        let from = (x[0] + x[1]) / 2.0 - v / 2.0 + across * 1e-9;
+        let crossed = [x[0], x[1], from, from + v];
+        let places = [
+            (Kind::VertexTriangle, above, normal),
+            (Kind::EdgeEdge, crossed, across),
+        ];
+        for (seen, (kind, x, normal)) in seen.iter_mut().zip(places) {
+            let nearest = Nearest::of(kind, &x);
+            if nearest.free == 2 {
+                *seen += 1;
+                let aside = nearest.q.cross(&normal).norm() / nearest.q.norm();
+                assert!(aside < 1e-12, "{kind:?}: {aside:e}");
+            }
+        }
+    }
+    assert!(seen.iter().all(|&count| count > 150), "{seen:?}");
+}
