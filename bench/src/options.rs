@@ -1,5 +1,6 @@
 //! Options that several commands share, and how their values are read.
 
+use crate::case::{Case, HalfSpace};
 use crate::error::{BenchError, Result};
 use clap::Args;
 use pd_solver::{AdjointOptions, Method, SolveOptions, Stop};
@@ -22,7 +23,7 @@ pub struct SolveArgs {
     /// Limit of iterations of the forward solve.
     #[arg(long, value_name = "N", default_value_t = 2000, allow_hyphen_values = true, value_parser = parse_count)]
     pub max_iterations: usize,
-    /// Seed of the random cotangent (and of the actuation of `body`).
+    /// Seed of the random cotangent, and of the actuation of a body inside a surface.
     #[arg(long, value_name = "N", default_value_t = 1, allow_hyphen_values = true, value_parser = parse_seed)]
     pub seed: u64,
     #[command(flatten)]
@@ -44,6 +45,37 @@ pub struct RepeatArgs {
     /// Write everything to this file.
     #[arg(long, value_name = "FILE")]
     pub json: Option<PathBuf>,
+}
+
+/// A body inside a surface of the user's.
+#[derive(Args, Debug, Clone)]
+pub struct SurfaceArgs {
+    /// Closed surface: OBJ, glTF or GLB.
+    #[arg(long, value_name = "FILE", requires = "element_size")]
+    surface: Option<PathBuf>,
+    /// Edge of an element, in the surface's unit.
+    #[arg(long, value_name = "H", requires = "surface", allow_hyphen_values = true, value_parser = parse_positive)]
+    element_size: Option<f64>,
+    /// Nodes held at rest, such as "z<0.1"; the lowest tenth of the longest axis unless given.
+    #[arg(long, value_name = "AXIS<VALUE", requires = "surface", allow_hyphen_values = true, value_parser = HalfSpace::parse)]
+    fix: Option<HalfSpace>,
+    /// Bound on the entries of the random actuation.
+    #[arg(long, value_name = "X", default_value_t = 0.2, requires = "surface", allow_hyphen_values = true, value_parser = parse_finite)]
+    amplitude: f64,
+}
+
+impl SurfaceArgs {
+    /// The body, where there is a surface; its actuation is random by the seed.
+    ///
+    /// # Errors
+    /// As [`Case::body`].
+    pub fn case(&self, seed: u64) -> Result<Option<Case>> {
+        let given = self.surface.as_ref().zip(self.element_size);
+        let fix = self.fix.as_ref();
+        given
+            .map(|(surface, size)| Case::body(surface, size, fix, self.amplitude, seed))
+            .transpose()
+    }
 }
 
 impl SolveArgs {

@@ -1,30 +1,20 @@
 //! `body`: a surface of the user's, beside a box of as many elements.
 
-use crate::case::{Case, HalfSpace};
+use crate::case::Case;
 use crate::error::Result;
 use crate::files::{check_writable, write_json};
 use crate::measure::{Measurement, measure};
-use crate::options::{SolveArgs, parse_finite, parse_positive, use_threads};
+use crate::options::{SolveArgs, SurfaceArgs, use_threads};
 use crate::table::{print, print_measurement, row, say};
 use clap::Args;
 use serde::Serialize;
-use std::path::PathBuf;
 
 /// Options of `body`.
 #[derive(Args, Debug)]
+#[command(mut_arg("surface", |arg| arg.required(true)))]
 pub struct BodyArgs {
-    /// Closed surface: OBJ, glTF or GLB.
-    #[arg(long, value_name = "FILE")]
-    surface: PathBuf,
-    /// Edge of an element, in the surface's unit.
-    #[arg(long, value_name = "H", allow_hyphen_values = true, value_parser = parse_positive)]
-    element_size: f64,
-    /// Nodes held at rest, such as "z<0.1"; the lowest tenth of the longest axis unless given.
-    #[arg(long, value_name = "AXIS<VALUE", allow_hyphen_values = true, value_parser = HalfSpace::parse)]
-    fix: Option<HalfSpace>,
-    /// Bound on the entries of the random actuation.
-    #[arg(long, value_name = "X", default_value_t = 0.2, allow_hyphen_values = true, value_parser = parse_finite)]
-    amplitude: f64,
+    #[command(flatten)]
+    body: SurfaceArgs,
     /// Solve tightly as well, and tell the largest distance of a node from there.
     #[arg(long)]
     reference: bool,
@@ -79,9 +69,10 @@ pub fn run(args: &BodyArgs) -> Result<bool> {
     let json = args.solve.repeat.json.as_deref();
     check_writable(json)?;
     use_threads(args.solve.repeat.threads)?;
-    let fix = args.fix.as_ref();
-    let (size, seed) = (args.element_size, args.solve.seed);
-    let case = Case::body(&args.surface, size, fix, args.amplitude, seed)?;
+    let case = args
+        .body
+        .case(args.solve.seed)?
+        .expect("clap asks for a surface");
     let body = measure(&case, &args.solve, args.reference)?;
     drop(case);
     print_measurement(&body);

@@ -1,9 +1,11 @@
-//! `warm`: a solve that starts from the equilibrium of a slightly different actuation.
+//! `warm`: a solve that starts from the equilibrium of a slightly different actuation, of the box or of a body inside a surface.
 
 use crate::case::Case;
 use crate::error::Result;
 use crate::files::{check_writable, write_json};
-use crate::options::{Name, SolveArgs, parse_cells, parse_finite, parse_positive, use_threads};
+use crate::options::{
+    Name, SolveArgs, SurfaceArgs, parse_cells, parse_finite, parse_positive, use_threads,
+};
 use crate::system;
 use crate::table::{print, row, say, seconds};
 use crate::timing::{again, median, timed};
@@ -14,9 +16,11 @@ use serde::Serialize;
 /// Options of `warm`.
 #[derive(Args, Debug)]
 pub struct WarmArgs {
-    /// Elements along x, y and z.
-    #[arg(long, value_name = "NX,NY,NZ", default_value = "32,16,16", allow_hyphen_values = true, value_parser = parse_cells)]
+    /// Elements of a box along x, y and z.
+    #[arg(long, value_name = "NX,NY,NZ", default_value = "32,16,16", conflicts_with = "surface", allow_hyphen_values = true, value_parser = parse_cells)]
     cells: [usize; 3],
+    #[command(flatten)]
+    body: SurfaceArgs,
     /// How much the actuation grows between the two equilibria, as a share of itself.
     #[arg(long, value_name = "X", default_value_t = 0.01, allow_hyphen_values = true, value_parser = parse_finite)]
     change: f64,
@@ -29,7 +33,8 @@ pub struct WarmArgs {
 
 #[derive(Serialize)]
 struct Report {
-    cells: [usize; 3],
+    /// Elements along the axes, of a box.
+    cells: Option<[usize; 3]>,
     elements: usize,
     method: String,
     change: f64,
@@ -59,13 +64,16 @@ struct Report {
 /// Measures, prints and writes; whether everything converged.
 ///
 /// # Errors
-/// When the box is too large, or the file cannot be written.
+/// When the box is too large, the surface cannot be used, or the file cannot be written.
 pub fn run(args: &WarmArgs) -> Result<bool> {
     let json = args.solve.repeat.json.as_deref();
     check_writable(json)?;
     use_threads(args.solve.repeat.threads)?;
     let load = system::load();
-    let case = Case::solid_box(args.cells, 1.0)?;
+    let case = match args.body.case(args.solve.seed)? {
+        Some(case) => case,
+        None => Case::solid_box(args.cells, 1.0)?,
+    };
     let (mut solver, before) = case.solver()?;
     let mut after = before.clone();
     let grown = after.actuation.iter_mut().flatten();
@@ -98,7 +106,7 @@ pub fn run(args: &WarmArgs) -> Result<bool> {
     let pairs = cold.positions.iter().zip(&warm.positions);
     let (cold_s, warm_s) = (median(&all_cold_s), median(&all_warm_s));
     let report = Report {
-        cells: args.cells,
+        cells: case.cells,
         elements: case.mesh.elements().len(),
         method: Name::to_string(&args.solve.method),
         change: args.change,

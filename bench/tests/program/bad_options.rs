@@ -44,6 +44,11 @@ fn wrong_values_are_named_with_their_mend() {
         &["--seed", "-1", "whole number"],
     );
     refuses("warm --change inf", &["--change", "inf", "finite"]);
+    refuses("warm --surface ball.obj", &["required"]);
+    refuses(
+        "warm --cells 2,2,2 --surface ball.obj --element-size 1",
+        &["--cells", "--surface"],
+    );
     refuses("threads --counts 1,0", &["--counts", "0", "from 1 to"]);
     refuses(
         "roofline --megabytes 8,x",

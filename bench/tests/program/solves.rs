@@ -209,6 +209,27 @@ fn a_warm_start_needs_fewer_iterations() {
     let share = number(&r, "warm_s") / number(&r, "cold_s");
     near(number(&r, "share"), share, 1e-9 * share);
     assert_eq!(numbers(&r, "all_warm_s").len(), 2);
+    assert_eq!(r["cells"], serde_json::json!([6, 3, 3]));
+}
+
+/// The body and the actuation are those that `body` measures.
+#[test]
+fn a_warm_start_of_a_body_inside_a_surface() {
+    let place = Place::new();
+    let ball = place.path("ball.obj");
+    write_obj(&ball, &icosphere(2, 1.0)).unwrap();
+    let options = format!(
+        "--surface {} --element-size 0.4 --amplitude 0.1 --relative-gradient 1e-6 --runs 1",
+        ball.display()
+    );
+    let same = place.measure(&format!("body {options}"));
+    let r = place.measure(&format!("warm --change 0 {options}"));
+    assert_eq!(r["cells"], Value::Null);
+    assert_eq!(r["elements"], same["elements"]);
+    assert_eq!(r["cold_energy"], same["energy"]);
+    assert_eq!(r["warm_iterations"], 0);
+    let changed = place.measure(&format!("warm {options}"));
+    assert!(number(&changed, "warm_iterations") < number(&changed, "cold_iterations"));
 }
 
 #[test]
