@@ -2,7 +2,7 @@
 
 use crate::Solver;
 use crate::krylov::LinearStatus;
-use crate::methods::{Outcome, Target, Workspace, newton_direction};
+use crate::methods::{Outcome, Target, Workspace, solve_newton};
 use crate::problem::Problem;
 use crate::solution::{Estimate, Method, Status};
 use crate::vector::{NodalVector, add_scaled, max_norm, norm};
@@ -37,9 +37,9 @@ impl Solver {
             }
             let (problem, pre, space) = self.parts(method);
             space.reserve(u.len());
-            problem.evaluate(u, &mut space.gradient);
             pre.prepare(problem, u);
-            let linear = newton_direction(problem, pre, space, u, MEASURED);
+            problem.linearise_with_gradient(u, &mut space.gradient);
+            let linear = solve_newton(problem, pre, space, u, MEASURED);
             let error = match linear.status {
                 LinearStatus::Converged if leads_down(problem, space, u, &target) => {
                     max_norm(&space.direction)

@@ -15,7 +15,7 @@ pub(crate) use anderson::anderson;
 pub(crate) use lbfgs::lbfgs;
 pub(crate) use local_global::local_global;
 use nalgebra::Vector3;
-pub(crate) use newton::{newton, newton_direction};
+pub(crate) use newton::{newton, solve_newton};
 pub(crate) use workspace::{KrylovSpace, Workspace};
 
 /// An approximate inverse of the Hessian over the free nodes, symmetric and positive definite.

@@ -28,6 +28,17 @@ pub(crate) fn newton_direction(
     tolerance: f64,
 ) -> LinearSolution {
     problem.linearise(u);
+    solve_newton(problem, pre, space, u, tolerance)
+}
+
+/// [`newton_direction`] of a problem that is linearised at `u`.
+pub(crate) fn solve_newton(
+    problem: &mut Problem,
+    pre: &mut dyn Preconditioner,
+    space: &mut Workspace,
+    u: &[Vector3<f64>],
+    tolerance: f64,
+) -> LinearSolution {
     space.krylov.reserve(u.len());
     let mut system = System {
         problem,
