@@ -104,6 +104,31 @@ fn problem(mesh: &HexMesh, extra: Vec<EffectSpec>) -> Problem {
     Problem::new(mesh, Some(&EmbeddedSurface::boundary(mesh)), &specs).unwrap()
 }
 
+/// The ways that know of rest, or linearise as well, lead to the same energy and gradient, at rest and away from it.
+#[test]
+fn every_way_to_a_gradient_is_the_same() {
+    let mesh = bent();
+    for (name, extra) in carried_down(&mesh) {
+        let mut problem = problem(&mesh, extra);
+        let mut parameters = problem.rest_parameters.clone();
+        // Springs pull at rest too.
+        parameters
+            .spring_targets
+            .iter_mut()
+            .for_each(|x| x.y += 0.1);
+        problem.set_parameters(&parameters);
+        let rest = problem.rest.clone();
+        for u in [rest.clone(), rest.iter().map(strained).collect()] {
+            let [mut plain, mut at_rest, mut along] = [(); 3].map(|()| zeros(u.len()));
+            let energy = problem.evaluate(&u, &mut plain);
+            assert_eq!(problem.evaluate_at_rest(&u, &mut at_rest), energy, "{name}");
+            problem.linearise_with_gradient(&u, &mut along);
+            assert_eq!(at_rest, plain, "{name}");
+            assert_eq!(along, plain, "{name}");
+        }
+    }
+}
+
 /// The energy of an even strain.
 fn energy(problem: &mut Problem) -> f64 {
     let u: NodalVector = problem.rest.iter().map(strained).collect();
