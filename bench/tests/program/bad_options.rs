@@ -68,9 +68,7 @@ fn wrong_values_are_named_with_their_mend() {
 #[test]
 fn bodies_that_cannot_be_used() {
     let place = Place::new();
-    let ball = place.path("ball.obj");
-    let surface = surface_mesh::primitives::icosphere(2, 1.0);
-    surface_mesh::write_obj(&ball, &surface).unwrap();
+    let ball = place.ball();
     let refuses = |options: &str, parts: &[&str]| {
         run(&format!("body --surface {} {options}", ball.display())).refuses(parts);
     };

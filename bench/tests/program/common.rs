@@ -3,6 +3,8 @@
 use serde_json::Value;
 use std::path::{Path, PathBuf};
 use std::process::Command;
+use surface_mesh::primitives::icosphere;
+use surface_mesh::write_obj;
 use tempfile::TempDir;
 
 /// How a run of the program ended.
@@ -28,6 +30,13 @@ impl Place {
     /// A path in it.
     pub fn path(&self, name: &str) -> PathBuf {
         self.0.path().join(name)
+    }
+
+    /// A ball of radius one, in a file there.
+    pub fn ball(&self) -> PathBuf {
+        let path = self.path("ball.obj");
+        write_obj(&path, &icosphere(2, 1.0)).unwrap();
+        path
     }
 
     /// Names of all files in it.

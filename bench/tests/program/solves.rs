@@ -3,8 +3,6 @@
 
 use crate::common::{Place, number, numbers, run};
 use serde_json::Value;
-use surface_mesh::primitives::icosphere;
-use surface_mesh::write_obj;
 
 /// Everything that a measurement tells.
 const KEYS: [&str; 23] = [
@@ -167,11 +165,9 @@ fn a_method_over_the_limit_is_ended_and_not_tried_on_larger_boxes() {
 #[test]
 fn a_body_is_compared_with_a_box_of_as_many_elements() {
     let place = Place::new();
-    let ball = place.path("ball.obj");
-    write_obj(&ball, &icosphere(2, 1.0)).unwrap();
     let line = format!(
         "body --surface {} --element-size 0.4 --runs 2",
-        ball.display()
+        place.ball().display()
     );
     let m = place.measure(&line);
     check_measurement(&m);
@@ -216,11 +212,9 @@ fn a_warm_start_needs_fewer_iterations() {
 #[test]
 fn a_warm_start_of_a_body_inside_a_surface() {
     let place = Place::new();
-    let ball = place.path("ball.obj");
-    write_obj(&ball, &icosphere(2, 1.0)).unwrap();
     let options = format!(
         "--surface {} --element-size 0.4 --amplitude 0.1 --relative-gradient 1e-6 --runs 1",
-        ball.display()
+        place.ball().display()
     );
     let same = place.measure(&format!("body {options}"));
     let r = place.measure(&format!("warm --change 0 {options}"));
