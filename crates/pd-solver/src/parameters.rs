@@ -97,6 +97,19 @@ impl Parameters {
         self.moved(t, &to.moved(-1.0, self))
     }
 
+    /// Whether all but the actuation is the same.
+    pub(crate) fn is_same_apart_from_actuation(&self, other: &Parameters) -> bool {
+        self.vectors() == other.vectors() && self.pressures == other.pressures
+    }
+
+    /// Takes over all but the actuation.
+    pub(crate) fn copy_apart_from_actuation(&mut self, from: &Parameters) {
+        for (own, (_, from)) in self.vectors_mut().into_iter().zip(from.vectors()) {
+            own.clone_from(from);
+        }
+        self.pressures.clone_from(&from.pressures);
+    }
+
     /// Sum over all entries of the products with those of another: the slope along a direction, for a gradient.
     ///
     /// # Panics
@@ -117,11 +130,18 @@ impl Parameters {
         sum + pressures.map(|(a, b)| a * b).sum::<f64>()
     }
 
-    /// Checks lengths against `like` and all entries for finiteness.
-    pub(crate) fn check(&self, like: &Parameters) -> Result<(), SolverError> {
-        check_array("actuation", &self.actuation, like.actuation.len(), |b| {
+    /// Checks all entries of the actuation for finiteness.
+    pub(crate) fn check_actuation(&self) -> Result<(), SolverError> {
+        let expected = self.actuation.len();
+        check_array("actuation", &self.actuation, expected, |b| {
             b.iter().fold(true, |all, x| all & x.is_finite())
-        })?;
+        })
+    }
+
+    /// Checks lengths against `like` and all entries for finiteness, but for those of the actuation: it is much to read, and effects tell when
+    /// they take it over.
+    pub(crate) fn check(&self, like: &Parameters) -> Result<(), SolverError> {
+        check_array("actuation", &self.actuation, like.actuation.len(), |_| true)?;
         let finite = |v: &Vector3<f64>| v.iter().all(|x| x.is_finite());
         for ((what, own), (_, like)) in self.vectors().into_iter().zip(like.vectors()) {
             check_array(what, own, like.len(), finite)?;

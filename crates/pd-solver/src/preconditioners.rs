@@ -4,7 +4,7 @@ use crate::constant::ConstantSystem;
 use crate::methods::Preconditioner;
 use crate::multigrid::{Form, Multigrid};
 use crate::problem::Problem;
-use crate::vector::NodalVector;
+use crate::vector::{NodalVector, all_pairs};
 use nalgebra::Vector3;
 
 /// How far a node may be from where it was when the cycle was built, in edges of an element, for the cycle to be used as it is.
@@ -116,8 +116,8 @@ impl Preconditioner for Cycle {
 
     fn prepare(&mut self, problem: &mut Problem, u: &[Vector3<f64>]) -> bool {
         let limit = NEAR * self.element_size;
-        let near = |(a, b): (&Vector3<f64>, &Vector3<f64>)| (a - b).norm_squared() <= limit * limit;
-        let far = self.built_at.len() != u.len() || !self.built_at.iter().zip(u).all(near);
+        let near = |a: &Vector3<f64>, b: &Vector3<f64>| (a - b).norm_squared() <= limit * limit;
+        let far = !all_pairs(&self.built_at, u, near);
         match self.touches(problem, u) {
             Some(touches) if !far => {
                 self.refresh(problem);

@@ -38,6 +38,8 @@ pub(crate) struct Problem {
     pins: Option<Box<dyn Effect>>,
     pub(crate) prescribed: Vec<u32>,
     pub(crate) rest: NodalVector,
+    /// How far from the origin that reaches.
+    rest_extent: f64,
     pub(crate) rest_parameters: Parameters,
     pub(crate) elements: usize,
     pub(crate) element_size: f64,
@@ -109,6 +111,7 @@ impl Problem {
             pins,
             prescribed,
             rest: mesh.nodes().to_vec(),
+            rest_extent: max_norm(mesh.nodes()),
             rest_parameters,
             elements: mesh.elements().len(),
             element_size: mesh.element_size(),
@@ -151,6 +154,7 @@ impl Problem {
             floating: Vec::new(),
             pins: self.pins.as_ref().and_then(|pins| pins.coarsen(&view)),
             prescribed,
+            rest_extent: max_norm(&rest),
             rest,
             rest_parameters,
             elements: grid.elements.len(),
@@ -279,6 +283,11 @@ impl Problem {
             .for_each(|e| e.set_parameters(parameters));
     }
 
+    /// Whether all entries of the actuation are finite, seen from what effects took over.
+    pub(crate) fn actuation_is_finite(&self) -> bool {
+        self.effects.iter().all(|e| e.actuation_is_finite())
+    }
+
     /// Writes the mean A of every element.
     pub(crate) fn mean_actuation(&self, out: &mut [[f64; 6]]) {
         self.effects.iter().for_each(|e| e.mean_actuation(out));
@@ -340,6 +349,24 @@ impl Problem {
         self.evaluate_by(gradient, |effect, out| {
             effect.energy_gradient_at_rest(u, out)
         })
+    }
+
+    /// Remembers the parameters, for [`Problem::add_gradient_change`].
+    pub(crate) fn remember_parameters(&mut self) {
+        self.effects
+            .iter_mut()
+            .for_each(|e| e.remember_parameters());
+    }
+
+    /// Adds about what the gradient at `u` has changed by since the parameters were remembered, if only the actuation has: false, if that is
+    /// nothing. Zero at prescribed nodes, if `out` was.
+    pub(crate) fn add_gradient_change(&self, u: &[Vector3<f64>], out: &mut NodalVector) -> bool {
+        let mut any = false;
+        for effect in &self.effects {
+            any |= effect.add_gradient_change(u, out);
+        }
+        self.clear_prescribed(out);
+        any
     }
 
     fn evaluate_by(
@@ -433,7 +460,7 @@ impl Problem {
     /// How far from the origin rest reaches, and the held nodes where they are in `u`.
     fn extent(&self, u: &[Vector3<f64>]) -> f64 {
         let held = self.prescribed.iter().map(|&n| u[n as usize].norm());
-        held.fold(max_norm(&self.rest), f64::max)
+        held.fold(self.rest_extent, f64::max)
     }
 
     /// Whether the energy falls without end, as under a pressure that no wall can bear, and `u` is how far that went: a stall there is no place where
@@ -445,6 +472,12 @@ impl Problem {
     /// Searches of contact for what is near so far.
     pub(crate) fn queries(&self) -> u64 {
         self.effects.iter().map(|e| e.queries()).sum()
+    }
+
+    /// Samples whose volume is turned inside out where [`Problem::evaluate`] was last asked.
+    pub(crate) fn inverted_where_evaluated(&self) -> usize {
+        let effects = self.effects.iter();
+        effects.map(|e| e.inverted_where_evaluated()).sum()
     }
 
     /// Samples whose volume is turned inside out at `u`.

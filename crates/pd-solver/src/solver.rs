@@ -1,6 +1,7 @@
 //! The solver that callers hold: built once for a body and its effects, used for many solves.
 
 mod adjoints;
+mod ended;
 mod queries;
 
 use crate::constant::ConstantSystem;
@@ -17,6 +18,7 @@ use crate::solution::{Method, Solution, SolveOptions, SolveStats, Status, Stop, 
 use crate::spec::EffectSpec;
 use crate::surface::EmbeddedSurface;
 use crate::vector::{NodalVector, norm};
+use ended::Ended;
 use hex_mesh::HexMesh;
 use nalgebra::Vector3;
 use std::time::Instant;
@@ -40,6 +42,7 @@ pub struct Solver {
     space: Workspace,
     free: Vec<u32>,
     setup_seconds: f64,
+    ended: Ended,
     /// Where the last solve left the vertices of obstacles.
     pub(crate) left_obstacles: NodalVector,
 }
@@ -81,6 +84,7 @@ impl Solver {
             constant: None,
             space: Workspace::default(),
             setup_seconds: 0.0,
+            ended: Ended::default(),
             left_obstacles: NodalVector::new(),
         };
         solver.hierarchy = Hierarchy::new(
@@ -127,7 +131,9 @@ impl Solver {
         Ok(())
     }
 
-    fn set_parameters(&mut self, parameters: &Parameters) {
+    /// Takes over parameters that were checked but for the entries of their actuation.
+    fn set_parameters(&mut self, parameters: &Parameters) -> Result<(), SolverError> {
+        let given = parameters;
         let mut activation = self.problem.activation.take();
         let parameters = match &mut activation {
             Some(activation) => activation.apply(parameters),
@@ -138,6 +144,10 @@ impl Solver {
             cycle.actuate();
         }
         self.problem.activation = activation;
+        match self.problem.actuation_is_finite() {
+            true => Ok(()),
+            false => given.check_actuation(),
+        }
     }
 
     /// Finds the equilibrium reached from `start` (the rest shape where not given; prescribed nodes are moved into place).
@@ -181,7 +191,7 @@ impl Solver {
             check_positions("positions", start, self.problem.len())?;
         }
         let method = self.choose(options.method)?;
-        self.set_parameters(parameters);
+        self.set_parameters(parameters)?;
         let u = &mut solution.positions;
         u.resize(self.problem.len(), Vector3::zeros());
         // Inside the thread pool from here on: every parallel loop would otherwise wake it from outside.
@@ -234,6 +244,8 @@ impl Solver {
         u: &mut NodalVector,
     ) -> Result<(Status, SolveStats), SolverError> {
         self.space.energy_at_start = None;
+        let goes_on = (self.ended).leave(start, parameters, &mut self.space.last_gradient);
+        self.space.predict = goes_on && options.reuse && method == Method::Multigrid;
         if let Some(cycle) = &mut self.cycle
             && !(options.reuse && start.is_some())
         {
@@ -323,6 +335,13 @@ impl Solver {
         let overflowed = !(outcome.energy.is_finite() && outcome.gradient_norm.is_finite());
         if overflowed || (outcome.status == Status::Stalled && self.problem.ran_away(u)) {
             outcome.status = Status::NotFinite;
+        }
+        let gradient = &mut self.space.gradient;
+        // Not every way to an end leaves the gradient there.
+        let left = self.cycle.is_some() && norm(gradient) == outcome.gradient_norm;
+        if left && outcome.status == Status::Converged {
+            self.ended.keep(u, gradient, parameters);
+            self.problem.remember_parameters();
         }
         let stats = SolveStats {
             iterations: outcome.iterations,

@@ -3,6 +3,7 @@
 
 use nalgebra::Vector3;
 use rayon::prelude::*;
+use std::ops::Range;
 
 /// A value per node.
 pub type NodalVector = Vec<Vector3<f64>>;
@@ -72,6 +73,19 @@ fn nan_max(a: f64, b: f64) -> f64 {
     if a.is_nan() || a > b { a } else { b }
 }
 
+/// Whether both are of one length, and what is asked holds at every node.
+pub(crate) fn all_pairs(
+    a: &[Vector3<f64>],
+    b: &[Vector3<f64>],
+    holds: impl Fn(&Vector3<f64>, &Vector3<f64>) -> bool + Sync,
+) -> bool {
+    let chunk = |(a, b): (&Part, &Part)| a.iter().zip(b).all(|(a, b)| holds(a, b));
+    if a.len() != b.len() || a.len() <= CHUNK {
+        return a.len() == b.len() && chunk((a, b));
+    }
+    a.par_chunks(CHUNK).zip(b.par_chunks(CHUNK)).all(chunk)
+}
+
 /// `y += a x`.
 pub(crate) fn axpy(a: f64, x: &[Vector3<f64>], y: &mut [Vector3<f64>]) {
     update(y, x, |y, x| *y += x * a);
@@ -95,37 +109,6 @@ pub(crate) fn axpy_norm(a: f64, x: &[Vector3<f64>], y: &mut [Vector3<f64>]) -> f
         partial.iter().sum()
     };
     safe_root(square, y)
-}
-
-/// `y += a x`, and then the sum of `y . z`; zero without a z.
-pub(crate) fn axpy_dot(
-    a: f64,
-    x: &[Vector3<f64>],
-    y: &mut [Vector3<f64>],
-    z: Option<&[Vector3<f64>]>,
-) -> f64 {
-    let Some(z) = z else {
-        axpy(a, x, y);
-        return 0.0;
-    };
-    let chunk = |((y, x), z): ((&mut Part, &Part), &Part)| -> f64 {
-        let mut sum = 0.0;
-        for ((y, x), z) in y.iter_mut().zip(x).zip(z) {
-            *y += x * a;
-            sum += y.dot(z);
-        }
-        sum
-    };
-    if y.len() <= CHUNK {
-        return chunk(((y, x), z));
-    }
-    let partial: Vec<f64> = y
-        .par_chunks_mut(CHUNK)
-        .zip(x.par_chunks(CHUNK))
-        .zip(z.par_chunks(CHUNK))
-        .map(chunk)
-        .collect();
-    partial.iter().sum()
 }
 
 /// `out = x + a y`.
@@ -169,6 +152,49 @@ fn update(
     y.par_chunks_mut(CHUNK)
         .zip(x.par_chunks(CHUNK))
         .for_each(chunk);
+}
+
+/// Sums over all of `n` nodes, from those over parts of them.
+pub(crate) fn sums_over_parts<const N: usize>(
+    n: usize,
+    part: impl Fn(Range<usize>) -> [f64; N] + Sync,
+) -> [f64; N] {
+    let range = |first: usize| first..n.min(first + CHUNK);
+    if n <= CHUNK {
+        return part(0..n);
+    }
+    let starts = (0..n.div_ceil(CHUNK)).into_par_iter();
+    let partial: Vec<[f64; N]> = starts.map(|k| part(range(k * CHUNK))).collect();
+    add_up(&partial)
+}
+
+/// The same where every part also writes two arrays there, and is told its first node.
+pub(crate) fn sums_over_written<A: Send, B: Send, const N: usize>(
+    (a, b): (&mut [A], &mut [B]),
+    part: impl Fn(usize, &mut [A], &mut [B]) -> [f64; N] + Sync,
+) -> [f64; N] {
+    if a.len() <= CHUNK {
+        return part(0, a, b);
+    }
+    let parts = a.par_chunks_mut(CHUNK).zip(b.par_chunks_mut(CHUNK));
+    let partial: Vec<[f64; N]> = parts
+        .enumerate()
+        .map(|(k, (a, b))| part(k * CHUNK, a, b))
+        .collect();
+    add_up(&partial)
+}
+
+fn add_up<const N: usize>(partial: &[[f64; N]]) -> [f64; N] {
+    std::array::from_fn(|k| partial.iter().map(|sums| sums[k]).sum())
+}
+
+/// Changes all parts of a nodal vector, each of which is told its first node.
+pub(crate) fn for_parts(x: &mut Part, part: impl Fn(usize, &mut Part) + Sync) {
+    if x.len() <= CHUNK {
+        return part(0, x);
+    }
+    let parts = x.par_chunks_mut(CHUNK).enumerate();
+    parts.for_each(|(k, x)| part(k * CHUNK, x));
 }
 
 /// A nodal vector of zeros.

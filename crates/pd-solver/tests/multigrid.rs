@@ -359,6 +359,97 @@ fn warm_starts_skip_what_they_need_not_redo() {
     }
 }
 
+/// A solve that goes on from where the last one ended begins by what the change of the actuation does, which spares it the first evaluation. It
+/// ends where others do, also where the actuation changes so from sample to sample that the middles of elements say little, where
+/// it changes a lot, and where nothing changes; and it does not begin so where something else changes as well.
+#[test]
+fn solves_that_go_on_begin_by_the_change_of_the_actuation() {
+    let (mesh, mut solver, parameters, _) = at_equilibrium();
+    let reuse = SolveOptions {
+        reuse: true,
+        ..stop(1e-6)
+    };
+    let mut numbers = Numbers::new(12);
+    let mut noisy = parameters.clone();
+    for b in noisy.actuation.iter_mut().flatten() {
+        *b += 0.02 * numbers.next();
+    }
+    let mut alternating = parameters.clone();
+    for (sample, b) in alternating.actuation.iter_mut().enumerate() {
+        b[0] += if sample % 2 == 0 { 0.05 } else { -0.05 };
+    }
+    let mut moved = smooth(&mesh, &solver, 0.707);
+    for x in &mut moved.prescribed {
+        x.y += 0.01;
+    }
+    // Whether an evaluation is spared.
+    for (what, changed, spared) in [
+        ("a hundredth", smooth(&mesh, &solver, 0.707), true),
+        ("a half", smooth(&mesh, &solver, 1.0), true),
+        ("noise", noisy, false),
+        ("alternating", alternating, false),
+        ("nothing", parameters.clone(), false),
+        ("held nodes", moved, false),
+    ] {
+        let cold = solver.solve(&changed, None, &stop(1e-6)).unwrap();
+        let mut warm_by_evaluations = [(); 2].map(|()| None);
+        for (goes_on, warm) in [true, false].into_iter().zip(&mut warm_by_evaluations) {
+            let at = solver.solve(&parameters, None, &stop(1e-6)).unwrap();
+            let mut start = at.positions;
+            // Elsewhere by a last digit: that is not where the last solve ended.
+            start[0].x += f64::from(u8::from(!goes_on)) * f64::EPSILON;
+            let before = solver.work().evaluations;
+            let solved = solver.solve(&changed, Some(&start), &reuse).unwrap();
+            assert_eq!(solved.status, Status::Converged, "{what}");
+            let away = max_distance(&solved.positions, &cold.positions);
+            assert!(away < 2e-6, "{what}: {away}");
+            *warm = Some((solver.work().evaluations - before, solved));
+        }
+        let [Some((on, goes_on)), Some((off, other))] = warm_by_evaluations else {
+            unreachable!("both were solved");
+        };
+        let limit = if spared { off - 1 } else { off + 2 };
+        assert!(on <= limit, "{what}: {on} evaluations, else {off}");
+        if what == "held nodes" || what == "nothing" {
+            assert_eq!(goes_on.positions, other.positions, "{what}");
+            assert_eq!(on, off, "{what}");
+        }
+    }
+}
+
+/// Solves that go on from each other by a length do not add up what each leaves: what was left is in the
+/// gradient that the next one begins by.
+#[test]
+fn solves_that_go_on_do_not_drift() {
+    let (mesh, mut solver, parameters, _) = at_equilibrium();
+    let accuracy = 1e-3;
+    let reuse = SolveOptions {
+        reuse: true,
+        ..SolveOptions::new(Stop::Accuracy(accuracy))
+    };
+    let mut at = solver.solve(&parameters, None, &reuse).unwrap();
+    let mut only_predicted = 0;
+    for call in 1..=120 {
+        // Most changes move the body by less than the accuracy.
+        let amplitude = 0.7 - 0.001 * f64::from(call);
+        let changed = smooth(&mesh, &solver, amplitude);
+        let start = at.positions.clone();
+        solver
+            .solve_into(&changed, Some(&start), &reuse, &mut at)
+            .unwrap();
+        assert_eq!(at.status, Status::Converged);
+        assert!(at.stats.estimated_error.unwrap() <= accuracy);
+        only_predicted += usize::from(at.stats.iterations == 1);
+        if call % 20 == 0 {
+            let (_, mut other, ..) = at_equilibrium();
+            let tight = other.solve(&changed, None, &stop(1e-10)).unwrap();
+            let away = max_distance(&at.positions, &tight.positions);
+            assert!(away < 0.02 * accuracy, "{away} after {call} calls");
+        }
+    }
+    assert!(only_predicted > 100, "{only_predicted}");
+}
+
 /// Solves repeated on one solver give the same bits, and so do any numbers of threads.
 #[test]
 fn the_same_bits_every_time_and_for_any_number_of_threads() {

@@ -2,6 +2,7 @@
 //! over elements and their samples (maths.md "Energy, gradient, Hessian").
 
 mod block;
+mod change;
 mod hourglass;
 mod inverted;
 mod kernel;
@@ -19,11 +20,12 @@ use crate::constant::ConstantMatrix;
 use crate::parameters::Parameters;
 use crate::vector::NodalVector;
 use block::{Block, LANES};
+use change::ActuationChange;
 use hex_mesh::{HexMesh, Quadrature};
 use inverted::Inverted;
 use kernel::{
     Actuation, ActuationVjp, AddForces, AtRest, EnergyGradient, HessianProduct, Linearisation,
-    SampleLaw,
+    SampleLaw, Total,
 };
 use linearise::{Linearise, LinearisingGradient};
 use nalgebra::Vector3;
@@ -69,6 +71,16 @@ impl ElasticBody {
             node_count: mesh.nodes().len(),
         }
     }
+
+    /// About the largest diagonal entry of the constant matrix.
+    fn largest_diagonal(&self) -> f64 {
+        let of_element = |(size, weight): (&Vector3<f64>, &f64)| {
+            weight * size.iter().map(|h| 1.0 / (h * h)).sum::<f64>()
+        };
+        // Eight elements meet in a node, and each gives it a ninth of this sum.
+        let elements = self.sizes.iter().zip(&self.weights);
+        elements.map(of_element).fold(0.0, f64::max)
+    }
 }
 
 /// The Gauss rule, by its points per axis.
@@ -102,6 +114,7 @@ macro_rules! with_rule {
 /// All elements of the body in one batch.
 pub(crate) struct Elasticity {
     body: ElasticBody,
+    largest_diagonal: f64,
     rule: Rule,
     slabs: Slabs,
     /// Eight elements each.
@@ -110,6 +123,15 @@ pub(crate) struct Elasticity {
     actuation: Vec<Actuation>,
     /// `[blocks * samples]`, empty before the first linearisation.
     linearisation: Vec<Linearisation>,
+    /// Means over the samples of each block: now, and when they were last to be remembered (empty before that).
+    mean: Vec<Actuation>,
+    remembered: Vec<Actuation>,
+    /// The means are to be remembered once others come.
+    to_remember: bool,
+    /// One sample in the middle.
+    middle: TensorRule<1>,
+    /// Samples inside out where energy and gradient were last evaluated.
+    inverted: usize,
     /// Of the last linearisation.
     smallest_pair_sum: Option<f64>,
     arch: Arch,
@@ -136,10 +158,16 @@ impl Elasticity {
             })
             .collect();
         Self {
+            largest_diagonal: body.largest_diagonal(),
             rule: Rule::new(body.quadrature),
             slabs: Slabs::new(&body.elements, body.node_count),
             actuation: vec![Actuation::identity(); blocks.len() * body.quadrature.count()],
             linearisation: Vec::new(),
+            mean: vec![Actuation::identity(); blocks.len()],
+            remembered: Vec::new(),
+            to_remember: false,
+            inverted: 0,
+            middle: TensorRule::new(Quadrature::One),
             smallest_pair_sum: None,
             arch: Arch::new(),
             blocks,
@@ -162,18 +190,37 @@ impl Elasticity {
         x: &[Vector3<f64>],
         out: &mut [Vector3<f64>],
         law: L,
-    ) -> f64 {
+    ) -> Total {
+        with_rule!(&self.rule, rule => self.add_forces_by(rule, x, out, law))
+    }
+
+    fn add_forces_by<const N: usize, L: SampleLaw + Copy + Sync>(
+        &self,
+        rule: &TensorRule<N>,
+        x: &[Vector3<f64>],
+        out: &mut [Vector3<f64>],
+        law: L,
+    ) -> Total {
         self.check(x);
         self.check(out);
-        with_rule!(&self.rule, rule => {
-            self.slabs.run(out, &|blocks, first_node, out| {
+        let nothing: &mut [()] = &mut [];
+        let total = (Total::ZERO, Total::plus as fn(_, _) -> _);
+        self.slabs
+            .run_with(out, (nothing, 0), total, &|blocks, first_node, out, _| {
                 let first_block = blocks.start;
                 let blocks = &self.blocks[blocks];
-                let (energy, _) =
-                    self.arch.dispatch(AddForces { rule, law, blocks, first_block, x, out, first_node });
-                energy
+                let forces = AddForces {
+                    rule,
+                    law,
+                    blocks,
+                    first_block,
+                    x,
+                    out,
+                    first_node,
+                };
+                let (total, _) = self.arch.dispatch(forces);
+                total
             })
-        })
     }
 
     fn check(&self, x: &[Vector3<f64>]) {
@@ -209,12 +256,17 @@ impl Effect for Elasticity {
     }
 
     fn set_parameters(&mut self, parameters: &Parameters) {
+        if std::mem::take(&mut self.to_remember) {
+            std::mem::swap(&mut self.mean, &mut self.remembered);
+            self.mean.resize(self.blocks.len(), Actuation::identity());
+        }
         let samples = self.samples();
         self.actuation
             .par_chunks_mut(samples)
+            .zip(&mut self.mean)
             .zip(parameters.actuation.par_chunks(LANES * samples))
             .with_min_len(BLOCKS_PER_TASK)
-            .for_each(|(out, of_block)| {
+            .for_each(|((out, mean), of_block)| {
                 // Filled lanes repeat the first element, as in the block.
                 let rest = of_block
                     .chunks(samples)
@@ -224,30 +276,54 @@ impl Effect for Elasticity {
                         out.set(lane, b);
                     }
                 }
+                *mean = Actuation::mean(out);
             });
     }
 
+    fn actuation_is_finite(&self) -> bool {
+        // Means are not finite where a sample is not, and are much less to read.
+        self.mean.iter().all(Actuation::is_finite)
+    }
+
+    fn remember_parameters(&mut self) {
+        self.to_remember = true;
+    }
+
+    fn add_gradient_change(&self, u: &[Vector3<f64>], out: &mut NodalVector) -> bool {
+        if self.remembered.is_empty() || self.remembered == self.mean {
+            return false;
+        }
+        let law = ActuationChange {
+            before: &self.remembered,
+            after: &self.mean,
+        };
+        self.add_forces_by(&self.middle, u, out, law);
+        true
+    }
+
     fn mean_actuation(&self, out: &mut [[f64; 6]]) {
-        let samples = self.samples();
-        out.par_chunks_mut(LANES)
-            .zip(self.actuation.par_chunks(samples))
-            .with_min_len(BLOCKS_PER_TASK)
-            .for_each(|(out, of_block)| {
-                let mean = Actuation::mean(of_block);
-                for (lane, out) in out.iter_mut().enumerate() {
-                    *out = mean.get(lane);
-                }
-            });
+        for (out, mean) in out.chunks_mut(LANES).zip(&self.mean) {
+            for (lane, out) in out.iter_mut().enumerate() {
+                *out = mean.get(lane);
+            }
+        }
     }
 
     fn energy_gradient(&mut self, u: &[Vector3<f64>], gradient: &mut NodalVector) -> f64 {
         let actuation = &self.actuation;
-        self.add_forces(u, gradient, EnergyGradient { actuation })
+        let total = self.add_forces(u, gradient, EnergyGradient { actuation });
+        self.inverted = total.inverted;
+        total.energy
+    }
+
+    fn inverted_where_evaluated(&self) -> usize {
+        self.inverted
     }
 
     fn energy_gradient_at_rest(&mut self, u: &[Vector3<f64>], gradient: &mut NodalVector) -> f64 {
         let actuation = &self.actuation;
-        self.add_forces(u, gradient, AtRest(EnergyGradient { actuation }))
+        let law = AtRest(EnergyGradient { actuation });
+        self.add_forces(u, gradient, law).energy
     }
 
     fn linearise(&mut self, u: &[Vector3<f64>]) {
@@ -326,12 +402,7 @@ impl Effect for Elasticity {
     }
 
     fn largest_diagonal(&self) -> f64 {
-        let of_element = |(size, weight): (&Vector3<f64>, &f64)| {
-            weight * size.iter().map(|h| 1.0 / (h * h)).sum::<f64>()
-        };
-        // Eight elements meet in a node, and each gives it a ninth of this sum.
-        let elements = self.body.sizes.iter().zip(&self.body.weights);
-        elements.map(of_element).fold(0.0, f64::max)
+        self.largest_diagonal
     }
 
     fn inverted_samples(&self, u: &[Vector3<f64>]) -> usize {
@@ -359,5 +430,7 @@ impl Effect for Elasticity {
             + self.slabs.bytes()
             + size_of_val(self.actuation.as_slice())
             + size_of_val(self.linearisation.as_slice())
+            + size_of_val(self.mean.as_slice())
+            + size_of_val(self.remembered.as_slice())
     }
 }

@@ -68,6 +68,20 @@ pub(crate) trait Effect: Send + Sync {
     /// has eight samples per coarse element. `None` for what a coarse body cannot have: there is no such start then.
     fn coarsen(&self, view: &CoarseView) -> Option<Box<dyn Effect>>;
 
+    /// Whether all entries of the actuation are finite; elasticity alone has one.
+    fn actuation_is_finite(&self) -> bool {
+        true
+    }
+
+    /// Remembers the parameters, for [`Effect::add_gradient_change`].
+    fn remember_parameters(&mut self) {}
+
+    /// Adds about what the gradient at `u` has changed by since the parameters were remembered, as far as the actuation did it: false, if
+    /// that is nothing.
+    fn add_gradient_change(&self, _u: &[Vector3<f64>], _out: &mut NodalVector) -> bool {
+        false
+    }
+
     /// Writes the mean A of the samples of every element; elasticity alone has one.
     fn mean_actuation(&self, _out: &mut [[f64; 6]]) {}
 
@@ -130,6 +144,11 @@ pub(crate) trait Effect: Send + Sync {
 
     /// Searches for what is near so far.
     fn queries(&self) -> u64 {
+        0
+    }
+
+    /// Samples with det F < 0 where [`Effect::energy_gradient`] was last asked.
+    fn inverted_where_evaluated(&self) -> usize {
         0
     }
 

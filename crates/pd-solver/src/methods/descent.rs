@@ -1,9 +1,11 @@
 //! What the methods with a line search share: where they stand, when they stop, and how they step.
 
+use super::history::{History, State};
 use super::{Outcome, Target, Workspace};
 use crate::problem::Problem;
 use crate::solution::{Estimate, Status};
 use crate::vector::{NodalVector, add_scaled, max_norm, norm};
+use nalgebra::Vector3;
 
 /// Sufficient decrease (Armijo).
 const ARMIJO: f64 = 1e-4;
@@ -17,6 +19,8 @@ pub(super) struct Descent {
     pub(super) gradient_norm: f64,
     /// Whether the last step was taken at its full length: only then does it tell how near the end is.
     pub(super) is_full: bool,
+    /// Samples inside out.
+    pub(super) inverted: usize,
     energy: f64,
     iterations: usize,
     /// Length of the last step.
@@ -33,10 +37,37 @@ impl Descent {
         Self {
             gradient_norm: norm(&space.gradient),
             is_full: true,
+            inverted: problem.inverted_where_evaluated(),
             energy,
             iterations: 0,
             step: f64::INFINITY,
         }
+    }
+
+    /// Counts a step of this length that was taken to come to the start.
+    pub(super) fn count(&mut self, length: f64) {
+        self.iterations += 1;
+        self.step = length;
+    }
+
+    /// Keeps the last step in `history`, `u` being where it went to and `before` the norm of the gradient where it came from. False where the
+    /// curvature along it was not positive.
+    pub(super) fn remember(
+        &self,
+        history: &mut History,
+        space: &Workspace,
+        u: &[Vector3<f64>],
+        before: f64,
+    ) -> bool {
+        let from = State {
+            u: &space.last,
+            gradient: &space.last_gradient,
+        };
+        let to = State {
+            u,
+            gradient: &space.gradient,
+        };
+        history.push(from, to, (self.step, before))
     }
 
     /// Steps taken.
@@ -82,6 +113,7 @@ impl Descent {
                 std::mem::swap(u, &mut space.last);
                 std::mem::swap(&mut space.gradient, &mut space.last_gradient);
                 self.energy = energy;
+                self.inverted = problem.inverted_where_evaluated();
                 self.gradient_norm = norm(&space.gradient);
                 self.iterations += 1;
                 self.is_full = length == 1.0;

@@ -2,13 +2,14 @@
 //! projected Hessian that is built anew now and then.
 
 use super::descent::Descent;
+use super::history::History;
 use super::newton::{CONTRACTS, newton_direction, newton_step};
-use super::workspace::{HISTORY, Pair};
+use super::predict::predict;
 use super::{Outcome, Preconditioner, Target, Workspace};
 use crate::krylov::LinearStatus;
 use crate::problem::Problem;
 use crate::solution::{Estimate, Status};
-use crate::vector::{NodalVector, axpy_dot, difference, dot, max_norm, norm};
+use crate::vector::{NodalVector, dot, max_norm, norm};
 use nalgebra::Vector3;
 
 /// Steps after which a preconditioner that follows the state is built anew.
@@ -41,76 +42,9 @@ const ENDGAME_REMAINS: f64 = 0.5;
 /// What a step may leave of the error whose estimate was its length. Measured on boxes from 8,000 to 250,000 elements at all
 /// tolerances, the error before a step is 1.0 to 1.7 times its length, and 0.1 to 0.4 times it after.
 const REMAINS: f64 = 0.6;
-
-/// The pairs of the last steps in a ring.
-struct History {
-    /// Pairs pushed since the last clearing.
-    count: usize,
-}
-
-impl History {
-    fn len(&self) -> usize {
-        self.count.min(HISTORY)
-    }
-
-    /// Places of the pairs in the ring, oldest first.
-    fn places(&self) -> impl DoubleEndedIterator<Item = usize> + use<> {
-        (self.count - self.len()..self.count).map(|i| i % HISTORY)
-    }
-
-    /// The place of the pair before that at `place`.
-    fn before(&self, place: usize) -> Option<usize> {
-        self.places().take_while(|&p| p != place).last()
-    }
-
-    /// The place of the pair after that at `place`.
-    fn after(&self, place: usize) -> Option<usize> {
-        self.places().skip_while(|&p| p != place).nth(1)
-    }
-
-    /// `direction = B^-1 gradient` with the quasi-Newton approximation B, by the two-loop recursion.
-    fn direction(&self, pre: &mut dyn Preconditioner, space: &mut Workspace) {
-        let Some(newest) = self.places().next_back() else {
-            return pre.apply(&space.gradient, &mut space.direction);
-        };
-        space.scratch.copy_from_slice(&space.gradient);
-        let mut alphas = [0.0; HISTORY];
-        let mut product = dot(&space.history[newest].s, &space.scratch);
-        for place in self.places().rev() {
-            let pair = &space.history[place];
-            alphas[place] = pair.rho * product;
-            let next = self.before(place).map(|older| &space.history[older].s[..]);
-            product = axpy_dot(-alphas[place], &pair.y, &mut space.scratch, next);
-        }
-        pre.apply(&space.scratch, &mut space.direction);
-        let oldest = self.places().next().expect("there is a newest");
-        let mut product = dot(&space.history[oldest].y, &space.direction);
-        for place in self.places() {
-            let pair = &space.history[place];
-            let factor = alphas[place] - pair.rho * product;
-            let next = self.after(place).map(|newer| &space.history[newer].y[..]);
-            product = axpy_dot(factor, &pair.s, &mut space.direction, next);
-        }
-    }
-
-    /// Keeps the last step to `u`; false where its product with the change of the gradient is not safely positive.
-    fn push(&mut self, space: &mut Workspace, u: &[Vector3<f64>]) -> bool {
-        let place = self.count % HISTORY;
-        if space.history.len() <= place {
-            space.history.push(Pair::default());
-        }
-        let pair = &mut space.history[place];
-        pair.reserve(u.len());
-        difference(u, &space.last, &mut pair.s);
-        difference(&space.gradient, &space.last_gradient, &mut pair.y);
-        let sy = dot(&pair.s, &pair.y);
-        let positive = sy > f64::EPSILON * norm(&pair.s) * norm(&pair.y);
-        // A full ring still counts this place as its oldest pair, so one that is not kept must not act.
-        pair.rho = if positive { 1.0 / sy } else { 0.0 };
-        self.count += usize::from(positive);
-        positive
-    }
-}
+/// Share of the gradient that may be left after a predicted step whose length tells the error. On boxes, a head and a starfish it is a tenth to a
+/// quarter; where the actuation changes so much inside elements that their middles say little of it, it is more.
+const PREDICTED_LEAVES: f64 = 0.5;
 
 /// Steps that the rate of convergence is measured over.
 const RATE_STEPS: usize = 3;
@@ -148,7 +82,7 @@ impl Doubts {
     fn directions_tell(
         &self,
         problem: &Problem,
-        u: &[Vector3<f64>],
+        descent: &Descent,
         pre: &dyn Preconditioner,
     ) -> bool {
         let [Some(last), before, ..] = self.lengths else {
@@ -160,7 +94,7 @@ impl Doubts {
         let keeps_volume = problem.volume_stiffness() > 0.0;
         let doubtful =
             !pre.tells_errors() || keeps_volume || self.negative_curvature || growing || tired;
-        !doubtful && problem.inverted_samples(u) == 0
+        !doubtful && descent.inverted == 0
     }
 
     fn slow(&self) -> bool {
@@ -171,13 +105,13 @@ impl Doubts {
     fn remainder(
         &self,
         problem: &Problem,
-        u: &[Vector3<f64>],
+        descent: &Descent,
         pre: &dyn Preconditioner,
     ) -> Option<(f64, Estimate)> {
         let last = self.lengths[0]?;
         // Directions that were not slow yet, or too few to tell, leave a share of the last one; steadily shorter ones a series.
         let rate = self.rate().filter(|_| self.slow()).unwrap_or(0.0);
-        if rate >= STEADY || !self.directions_tell(problem, u, pre) {
+        if rate >= STEADY || !self.directions_tell(problem, descent, pre) {
             return None;
         }
         let series = SAFETY * rate / (1.0 - rate);
@@ -189,8 +123,8 @@ impl Doubts {
     }
 
     /// Whether the length of the last direction may be taken for the error.
-    fn none(&self, problem: &Problem, u: &[Vector3<f64>], pre: &dyn Preconditioner) -> bool {
-        !self.slow() && self.directions_tell(problem, u, pre)
+    fn none(&self, problem: &Problem, descent: &Descent, pre: &dyn Preconditioner) -> bool {
+        !self.slow() && self.directions_tell(problem, descent, pre)
     }
 }
 
@@ -202,18 +136,36 @@ pub(crate) fn lbfgs(
     target: &Target,
     max_iterations: usize,
 ) -> Outcome {
-    let mut descent = Descent::start(problem, space, u);
-    let mut history = History { count: 0 };
+    let mut history = std::mem::take(&mut space.history);
     let mut doubts = Doubts::default();
+    let may_predict = std::mem::take(&mut space.predict) && max_iterations > 0;
+    let predicted = may_predict && predict(problem, pre, space, u, &mut history);
+    // Whether that was enough.
+    let mut arrived = false;
+    let mut descent = Descent::start(problem, space, u);
     let mut estimate = None;
     // What a Newton step near the end told: the error that it left, provided that the gradient fell to this.
     let (mut ended, mut told) = (false, None);
     let (mut since_rebuild, mut strengthened) = (0, 0);
-    if descent.stop(target, max_iterations).is_none() && !pre.prepare(problem, u) {
-        // What was learnt with this preconditioner is still about true.
-        history.count = space.pairs;
+    if predicted {
+        let length = max_norm(&space.direction);
+        descent.count(length);
+        doubts.see(length);
+        let trusted = trusts(pre, &history);
+        let before = norm(&space.last_gradient);
+        doubts.negative_curvature = !descent.remember(&mut history, space, u, before);
+        estimate = trusted.then_some((length * REMAINS, Estimate::Direction));
+        let near = target.accuracy.is_some_and(|a| length * REMAINS <= a);
+        let fell = descent.gradient_norm <= PREDICTED_LEAVES * before;
+        arrived = trusted && near && fell && doubts.none(problem, &descent, pre);
+    } else if descent.stop(target, max_iterations).is_none() && pre.prepare(problem, u) {
+        // What was learnt with another preconditioner is not true of this one.
+        history.clear();
     }
     let status = loop {
+        if arrived {
+            break Status::Converged;
+        }
         if let Some(status) = descent.stop(target, max_iterations) {
             break status;
         }
@@ -222,7 +174,7 @@ pub(crate) fn lbfgs(
         }
         if pre.follows() && since_rebuild >= REBUILD {
             pre.rebuild(problem, u);
-            history.count = 0;
+            history.clear();
             since_rebuild = 0;
         }
         let near = descent.gradient_norm <= ENDGAME * target.gradient;
@@ -230,7 +182,7 @@ pub(crate) fn lbfgs(
             && !ended
             && wants_error(target, pre)
             && doubts.seen > 0
-            && doubts.remainder(problem, u, pre).is_none()
+            && doubts.remainder(problem, &descent, pre).is_none()
         {
             ended = true;
             let before = descent.gradient_norm;
@@ -239,26 +191,20 @@ pub(crate) fn lbfgs(
             if step.taken {
                 let length = step.before.filter(|_| step.tells);
                 told = length.map(|length| (ENDGAME_REMAINS * length, CONTRACTS * before));
-                doubts.negative_curvature = !history.push(space, u);
+                doubts.negative_curvature = !descent.remember(&mut history, space, u, before);
                 since_rebuild += 1;
                 continue;
             }
         }
-        history.direction(pre, space);
+        history.direction(pre, &space.gradient, &mut space.direction);
         let mut length = max_norm(&space.direction);
         doubts.see(length);
-        let enough = if pre.follows() {
-            TRUSTED_HISTORY_OF_CYCLE
-        } else {
-            TRUSTED_HISTORY
-        };
-        let trusted = history.len() >= enough;
         let mut verified = false;
-        if trusted {
+        if trusts(pre, &history) {
             estimate = Some((length, Estimate::Direction));
             let met = |length| target.is_met(descent.gradient_norm, Some(length));
             if met(length * REMAINS) {
-                verified = doubts.none(problem, u, pre);
+                verified = doubts.none(problem, &descent, pre);
                 if !verified && met(length * SHORT) {
                     // A loose Newton step tells; it is taken, so nothing of it is lost.
                     let residual = verified_residual(pre);
@@ -271,14 +217,15 @@ pub(crate) fn lbfgs(
             }
         }
         let slope = dot(&space.gradient, &space.direction);
+        let before = descent.gradient_norm;
         let stepped = slope > 0.0 && descent.step(problem, space, u, slope);
         if !stepped {
             if verified {
                 break Status::Converged;
             }
             // What is remembered misleads, or the preconditioner does: once more without, then with a safer one.
-            if history.count > 0 || since_rebuild > 0 {
-                history.count = 0;
+            if !history.is_empty() || since_rebuild > 0 {
+                history.clear();
                 since_rebuild = 0;
                 pre.rebuild(problem, u);
             } else if strengthened < STRENGTHENINGS && pre.strengthen(problem, u) {
@@ -288,7 +235,7 @@ pub(crate) fn lbfgs(
             }
             continue;
         }
-        doubts.negative_curvature = !history.push(space, u);
+        doubts.negative_curvature = !descent.remember(&mut history, space, u, before);
         if verified && descent.is_full {
             estimate = estimate.map(|(length, kind)| (length * REMAINS, kind));
             break Status::Converged;
@@ -302,11 +249,24 @@ pub(crate) fn lbfgs(
                 let more = (descent.gradient_norm / gradient).max(1.0);
                 Some((length * more, Estimate::NewtonStep))
             }
-            None => estimate.map(|_| final_estimate(problem, pre, space, u, &doubts)),
+            None => estimate.map(|_| {
+                let told = doubts.remainder(problem, &descent, pre);
+                told.unwrap_or_else(|| error_by_newton(problem, pre, space, u))
+            }),
         };
     }
-    space.pairs = history.count;
+    space.history = history;
     descent.outcome(status, estimate)
+}
+
+/// Whether there are pairs enough for the length of a direction to tell the error.
+fn trusts(pre: &dyn Preconditioner, history: &History) -> bool {
+    let enough = if pre.follows() {
+        TRUSTED_HISTORY_OF_CYCLE
+    } else {
+        TRUSTED_HISTORY
+    };
+    history.len() >= enough
 }
 
 /// Whether the error is to be told at the end of a solve that a gradient ends.
@@ -322,17 +282,13 @@ fn verified_residual(pre: &dyn Preconditioner) -> f64 {
     }
 }
 
-/// The error after the last step.
-fn final_estimate(
+/// The error at `u`, by the length of a Newton step that is not taken.
+fn error_by_newton(
     problem: &mut Problem,
     pre: &mut dyn Preconditioner,
     space: &mut Workspace,
     u: &[Vector3<f64>],
-    doubts: &Doubts,
 ) -> (f64, Estimate) {
-    if let Some(remainder) = doubts.remainder(problem, u, pre) {
-        return remainder;
-    }
     let residual = verified_residual(pre);
     newton_direction(problem, pre, space, u, residual);
     (max_norm(&space.direction) * SAFETY, Estimate::NewtonStep)

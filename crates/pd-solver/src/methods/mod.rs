@@ -3,9 +3,11 @@
 mod anderson;
 pub(crate) mod coarse_to_fine;
 mod descent;
+mod history;
 mod lbfgs;
 mod local_global;
 mod newton;
+mod predict;
 mod workspace;
 
 use crate::problem::Problem;

@@ -1,17 +1,17 @@
 //! The vectors that methods work in, allocated once per body and used again by every solve.
 
+use super::history::History;
 use crate::krylov::Reactions;
 use crate::vector::{NodalVector, zeros};
-
-/// Steps that L-BFGS remembers. With a good preconditioner the first few are what counts.
-pub(crate) const HISTORY: usize = 8;
 
 /// Vectors of one body.
 #[derive(Default)]
 pub(crate) struct Workspace {
     pub(crate) gradient: NodalVector,
-    /// Energy at the start of the next descent, where the gradient is already that there.
+    /// Energy at the start of the next descent, where that was evaluated last and the gradient is the one there.
     pub(crate) energy_at_start: Option<f64>,
+    /// Whether `last_gradient` is the gradient at the start of the next descent before the actuation changed.
+    pub(crate) predict: bool,
     /// After a step: the positions and the gradient before it.
     pub(crate) last: NodalVector,
     pub(crate) last_gradient: NodalVector,
@@ -19,18 +19,8 @@ pub(crate) struct Workspace {
     pub(crate) scratch: NodalVector,
     pub(crate) krylov: KrylovSpace,
     pub(crate) reactions: Reactions,
-    pub(crate) history: Vec<Pair>,
-    /// Pairs that the last descent left there, of which the next one may take those that its preconditioner was built with.
-    pub(crate) pairs: usize,
-}
-
-/// A step and the change of the gradient over it.
-#[derive(Default)]
-pub(crate) struct Pair {
-    pub(crate) s: NodalVector,
-    pub(crate) y: NodalVector,
-    /// `1 / (s . y)`.
-    pub(crate) rho: f64,
+    /// What the last descent left, of which the next one may take what its preconditioner was built with.
+    pub(crate) history: History,
 }
 
 /// The solution and the vectors of an iterative linear solve.
@@ -76,12 +66,5 @@ impl KrylovSpace {
 fn fit(vector: &mut NodalVector, n: usize) {
     if vector.len() != n {
         *vector = zeros(n);
-    }
-}
-
-impl Pair {
-    pub(crate) fn reserve(&mut self, n: usize) {
-        fit(&mut self.s, n);
-        fit(&mut self.y, n);
     }
 }

@@ -76,7 +76,7 @@ impl Solver {
         if self.cycle.is_none() {
             self.factor()?;
         }
-        self.set_parameters(parameters);
+        self.set_parameters(parameters)?;
         rayon::scope(|_| {
             let (problem, space) = (&mut self.problem, &mut self.space);
             let u = &solution.positions;

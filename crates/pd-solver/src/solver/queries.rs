@@ -147,7 +147,6 @@ impl Solver {
     fn take(&mut self, parameters: &Parameters, u: &[Vector3<f64>]) -> Result<(), SolverError> {
         parameters.check(&self.problem.rest_parameters)?;
         check_positions("positions", u, self.problem.len())?;
-        self.set_parameters(parameters);
-        Ok(())
+        self.set_parameters(parameters)
     }
 }

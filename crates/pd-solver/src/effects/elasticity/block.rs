@@ -7,7 +7,7 @@ use pulp::Simd;
 pub(super) const LANES: usize = 8;
 
 /// One number per element of a block, on one line of the cache.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 #[repr(C, align(64))]
 pub(super) struct Lanes(pub(super) [f64; LANES]);
 

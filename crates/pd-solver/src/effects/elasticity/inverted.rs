@@ -19,23 +19,43 @@ impl<const N: usize> WithSimd for Inverted<'_, N> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) -> usize {
-        let (zero, one) = (simd.splat_f64s(0.0), simd.splat_f64s(1.0));
-        let mut count = zero;
+        let mut inverted = InvertedLanes::new(simd);
         for block in self.blocks {
             let u = block.gather(self.u);
             for part in 0..parts::<S>() {
                 let f = self.rule.gradients(simd, &u, &block.inverse_size, part);
-                // Lanes that hold no element have no weight.
-                let held = simd.less_than_f64s(zero, block.weight.part::<S>(part));
-                let counts = simd.select_f64s(held, one, zero);
                 for number in 0..TensorRule::<N>::SAMPLES {
                     let f = f.at(TensorRule::<N>::sample(number));
-                    let negative = simd.less_than_f64s(determinant(simd, &f), zero);
-                    count = simd.add_f64s(count, simd.select_f64s(negative, counts, zero));
+                    inverted.see(simd, &f, block.weight.part::<S>(part));
                 }
             }
         }
-        simd.reduce_sum_f64s(count) as usize
+        inverted.count(simd)
+    }
+}
+
+/// Samples with a negative determinant so far, lane by lane.
+pub(super) struct InvertedLanes<S: Simd>(S::f64s);
+
+impl<S: Simd> InvertedLanes<S> {
+    #[inline(always)]
+    pub(super) fn new(simd: S) -> Self {
+        Self(simd.splat_f64s(0.0))
+    }
+
+    /// Sees the deformation gradients of one sample of a block. Lanes that hold no element have no weight.
+    #[inline(always)]
+    pub(super) fn see(&mut self, simd: S, f: &LaneMatrix<S>, weight: S::f64s) {
+        let (zero, one) = (simd.splat_f64s(0.0), simd.splat_f64s(1.0));
+        let negative = simd.less_than_f64s(determinant(simd, f), zero);
+        let held = simd.less_than_f64s(zero, weight);
+        let counts = simd.and_m64s(negative, held);
+        self.0 = simd.add_f64s(self.0, simd.select_f64s(counts, one, zero));
+    }
+
+    #[inline(always)]
+    pub(super) fn count(self, simd: S) -> usize {
+        simd.reduce_sum_f64s(self.0) as usize
     }
 }
 

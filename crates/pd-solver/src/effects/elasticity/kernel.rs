@@ -3,6 +3,7 @@
 
 use super::block::{Block, LANES, Lanes, parts};
 use super::hourglass;
+use super::inverted::InvertedLanes;
 use super::quaternion::{quaternion_of, rotation_of};
 use super::tensor::{Gradients, TensorRule};
 use nalgebra::Vector3;
@@ -16,7 +17,7 @@ use pulp::{Simd, WithSimd};
 const SYMMETRIC: [usize; 9] = [0, 1, 2, 1, 3, 4, 2, 4, 5];
 
 /// The actuation of one sample of a block: six entries of A.
-#[derive(Clone, Copy)]
+#[derive(Clone, Copy, PartialEq)]
 pub(super) struct Actuation([Lanes; 6]);
 
 impl Actuation {
@@ -36,6 +37,12 @@ impl Actuation {
     /// A in one lane.
     pub(super) fn get(&self, lane: usize) -> [f64; 6] {
         self.0.map(|entry| entry.0[lane])
+    }
+
+    /// Whether all entries are finite, in all lanes.
+    pub(super) fn is_finite(&self) -> bool {
+        let entries = self.0.iter().flat_map(|entry| &entry.0);
+        entries.fold(true, |all, x| all & x.is_finite())
     }
 
     /// The mean over samples, lane by lane.
@@ -119,6 +126,11 @@ impl Linearisation {
 
 /// What stress a sample answers with.
 pub(super) trait SampleLaw {
+    /// Whether elements of one sample answer with the stiffness of their hourglass modes as well.
+    const HOURGLASS: bool = true;
+    /// Whether samples that are inside out are counted.
+    const COUNTS: bool = false;
+
     /// The stress at a sample of a block, by its number in the body, and twice the energy density (zero where there is none).
     fn stress<S: Simd>(
         &mut self,
@@ -136,6 +148,8 @@ pub(super) struct EnergyGradient<'a> {
 }
 
 impl SampleLaw for EnergyGradient<'_> {
+    const COUNTS: bool = true;
+
     #[inline(always)]
     fn stress<S: Simd>(
         &mut self,
@@ -145,9 +159,15 @@ impl SampleLaw for EnergyGradient<'_> {
         f: &LaneMatrix<S>,
     ) -> (LaneMatrix<S>, S::f64s) {
         let a = self.actuation[sample].matrix::<S>(part);
-        let rotation = polar_rotation_lanes(simd, &product(simd, f, &a));
-        misfit(simd, f, &rotation, &a)
+        misfit(simd, f, &rotated(simd, f, &a))
     }
+}
+
+/// `R A` with R the polar rotation of F A.
+#[inline(always)]
+pub(super) fn rotated<S: Simd>(simd: S, f: &LaneMatrix<S>, a: &LaneMatrix<S>) -> LaneMatrix<S> {
+    let rotation = polar_rotation_lanes(simd, &product(simd, f, a));
+    product(simd, &rotation, a)
 }
 
 /// How far from the identity a deformation gradient may be, squared, to count as that of rest.
@@ -207,10 +227,9 @@ fn square<S: Simd>(simd: S, x: &LaneMatrix<S>) -> S::f64s {
 pub(super) fn misfit<S: Simd>(
     simd: S,
     f: &LaneMatrix<S>,
-    rotation: &LaneMatrix<S>,
-    a: &LaneMatrix<S>,
+    rotated: &LaneMatrix<S>,
 ) -> (LaneMatrix<S>, S::f64s) {
-    let stress = difference(simd, f, &product(simd, rotation, a));
+    let stress = difference(simd, f, rotated);
     (stress, square(simd, &stress))
 }
 
@@ -239,7 +258,7 @@ impl SampleLaw for HessianProduct<'_> {
 }
 
 #[inline(always)]
-fn difference<S: Simd>(simd: S, a: &LaneMatrix<S>, b: &LaneMatrix<S>) -> LaneMatrix<S> {
+pub(super) fn difference<S: Simd>(simd: S, a: &LaneMatrix<S>, b: &LaneMatrix<S>) -> LaneMatrix<S> {
     let mut out = *a;
     for (out, b) in out.iter_mut().zip(b) {
         *out = simd.sub_f64s(*out, *b);
@@ -247,7 +266,28 @@ fn difference<S: Simd>(simd: S, a: &LaneMatrix<S>, b: &LaneMatrix<S>) -> LaneMat
     out
 }
 
-/// Adds the forces of consecutive blocks to their nodes; gives the energy, and the law back.
+/// What all samples of some blocks have together.
+pub(super) struct Total {
+    pub(super) energy: f64,
+    /// Samples with det F < 0, if the law has them counted.
+    pub(super) inverted: usize,
+}
+
+impl Total {
+    pub(super) const ZERO: Self = Self {
+        energy: 0.0,
+        inverted: 0,
+    };
+
+    pub(super) fn plus(self, other: Self) -> Self {
+        Self {
+            energy: self.energy + other.energy,
+            inverted: self.inverted + other.inverted,
+        }
+    }
+}
+
+/// Adds the forces of consecutive blocks to their nodes; gives what they have together, and the law back.
 pub(super) struct AddForces<'a, const N: usize, L> {
     pub(super) rule: &'a TensorRule<N>,
     pub(super) law: L,
@@ -262,12 +302,13 @@ pub(super) struct AddForces<'a, const N: usize, L> {
 }
 
 impl<const N: usize, L: SampleLaw> WithSimd for AddForces<'_, N, L> {
-    type Output = (f64, L);
+    type Output = (Total, L);
 
     #[inline(always)]
-    fn with_simd<S: Simd>(mut self, simd: S) -> (f64, L) {
+    fn with_simd<S: Simd>(mut self, simd: S) -> (Total, L) {
         let samples = TensorRule::<N>::SAMPLES;
         let mut energy = 0.0;
+        let mut inverted = InvertedLanes::new(simd);
         for (i, block) in self.blocks.iter().enumerate() {
             let first_sample = (self.first_block + i) * samples;
             let x = block.gather(self.x);
@@ -276,15 +317,18 @@ impl<const N: usize, L: SampleLaw> WithSimd for AddForces<'_, N, L> {
                 let f = self.rule.gradients(simd, &x, &block.inverse_size, part);
                 let mut stresses = Gradients::zero(simd);
                 let mut square = simd.splat_f64s(0.0);
+                let weight = block.weight.part::<S>(part);
                 for number in 0..samples {
                     let sample = TensorRule::<N>::sample(number);
-                    let (stress, s) =
-                        (self.law).stress(simd, first_sample + number, part, &f.at(sample));
+                    let f = f.at(sample);
+                    if L::COUNTS {
+                        inverted.see(simd, &f, weight);
+                    }
+                    let (stress, s) = (self.law).stress(simd, first_sample + number, part, &f);
                     let weight = self.rule.weight(sample);
                     square = simd.mul_add_e_f64s(simd.splat_f64s(weight), s, square);
                     stresses.add(simd, sample, weight, &stress);
                 }
-                let weight = block.weight.part::<S>(part);
                 self.rule.add_forces(
                     simd,
                     &stresses,
@@ -295,13 +339,14 @@ impl<const N: usize, L: SampleLaw> WithSimd for AddForces<'_, N, L> {
                 );
                 let of_samples = simd.mul_f64s(square, weight);
                 energy += 0.5 * simd.reduce_sum_f64s(of_samples);
-                if N == 1 {
+                if N == 1 && L::HOURGLASS {
                     energy += hourglass::add_forces(simd, block, &x, part, &mut force);
                 }
             }
             block.scatter(&force, self.first_node, self.out);
         }
-        (energy, self.law)
+        let inverted = inverted.count(simd);
+        (Total { energy, inverted }, self.law)
     }
 }
 

@@ -102,6 +102,6 @@ impl SampleLaw for LinearisingGradient<'_> {
         let a = self.actuation[sample].matrix::<S>(part);
         let out = &mut self.out[sample - self.first_sample];
         let rotation = linearise(simd, part, &product(simd, f, &a), out, &mut self.smallest);
-        misfit(simd, f, &rotation, &a)
+        misfit(simd, f, &product(simd, &rotation, &a))
     }
 }

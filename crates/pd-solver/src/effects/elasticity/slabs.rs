@@ -64,14 +64,14 @@ impl Slabs {
     }
 
     /// As [`Slabs::run`], with the part of `data` that belongs to the slab's blocks, so many entries to each. What `work` returns is put
-    /// together by a function that has a neutral number.
-    pub(super) fn run_with<T: Send>(
+    /// together by a function that has a neutral value.
+    pub(super) fn run_with<T: Send, R: Send>(
         &self,
         out: &mut [Vector3<f64>],
         (data, per_block): (&mut [T], usize),
-        (neutral, both): (f64, fn(f64, f64) -> f64),
-        work: &(impl Fn(Range<usize>, usize, &mut [Vector3<f64>], &mut [T]) -> f64 + Sync),
-    ) -> f64 {
+        (neutral, both): (R, fn(R, R) -> R),
+        work: &(impl Fn(Range<usize>, usize, &mut [Vector3<f64>], &mut [T]) -> R + Sync),
+    ) -> R {
         let mut all = neutral;
         for slabs in self.phases.iter().filter(|slabs| !slabs.is_empty()) {
             let parts = Parts {
@@ -151,12 +151,12 @@ impl<T> Parts<'_, T> {
 }
 
 /// Runs the first and the second half of the slabs, of which there is one at least, side by side.
-fn halves<T: Send>(
+fn halves<T: Send, R: Send>(
     slabs: &[Slab],
     mut parts: Parts<T>,
-    both: fn(f64, f64) -> f64,
-    work: &(impl Fn(Range<usize>, usize, &mut [Vector3<f64>], &mut [T]) -> f64 + Sync),
-) -> f64 {
+    both: fn(R, R) -> R,
+    work: &(impl Fn(Range<usize>, usize, &mut [Vector3<f64>], &mut [T]) -> R + Sync),
+) -> R {
     if let [slab] = slabs {
         let (_, parts) = parts.cut(slab);
         let out = &mut parts.out[..slab.nodes.len()];

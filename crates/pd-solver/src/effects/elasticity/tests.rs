@@ -406,7 +406,7 @@ fn inverted_samples_are_those_with_a_negative_determinant() {
     for quadrature in [Quadrature::One, Quadrature::Eight, Quadrature::TwentySeven] {
         let case = Case::row(21, quadrature);
         let rule = QuadratureRule::new(quadrature);
-        let effect = case.effect();
+        let mut effect = case.effect();
         // Random positions turn about half of the samples inside out.
         for (u, some) in [(&case.u, false), (&case.z, true)] {
             let mut count = 0;
@@ -420,6 +420,59 @@ fn inverted_samples_are_those_with_a_negative_determinant() {
             }
             assert!(!some || (count > 0 && count < 21 * rule.len()));
             assert_eq!(effect.inverted_samples(u), count, "{}", rule.len());
+            effect.energy_gradient(u, &mut zeros(u.len()));
+            assert_eq!(effect.inverted_where_evaluated(), count, "{}", rule.len());
+        }
+    }
+}
+
+/// Where F and A are the same all over an element, its middle tells the change of the gradient to the last digit, hourglass modes or not; and
+/// parameters that were never remembered, or are those again, have changed nothing.
+#[test]
+fn the_change_of_the_gradient_is_that_by_the_actuation() {
+    for quadrature in [Quadrature::One, Quadrature::Eight, Quadrature::TwentySeven] {
+        let mut case = Case::solid([7, 3, 2], quadrature);
+        let mut numbers = Numbers(8);
+        let f = nalgebra::Matrix3::from_fn(|i, j| f64::from(i == j) + 0.3 * numbers.next());
+        let mesh = HexMesh::solid_box([7, 3, 2], 0.5, quadrature).unwrap();
+        case.u = mesh.nodes().iter().map(|x| f * x).collect();
+        let samples = quadrature.count();
+        let mut uniform = |size: f64| -> Vec<[f64; 6]> {
+            (0..case.elements.len())
+                .flat_map(|_| vec![std::array::from_fn(|_| size * numbers.next()); samples])
+                .collect()
+        };
+        case.parameters.actuation = uniform(0.3);
+        let (n, mut effect) = (case.u.len(), case.effect());
+        let (mut before, mut after, mut change) = (zeros(n), zeros(n), zeros(n));
+        assert!(!effect.add_gradient_change(&case.u, &mut change));
+        effect.energy_gradient(&case.u, &mut before);
+        effect.remember_parameters();
+        effect.set_parameters(&case.parameters);
+        assert!(!effect.add_gradient_change(&case.u, &mut change));
+        assert_eq!(max_norm(&change), 0.0);
+        case.parameters.actuation = uniform(0.2);
+        // What comes between does not matter.
+        effect.set_parameters(&case.parameters);
+        case.parameters.actuation = uniform(0.2);
+        effect.set_parameters(&case.parameters);
+        effect.energy_gradient(&case.u, &mut after);
+        assert!(effect.add_gradient_change(&case.u, &mut change));
+        let worst = (0..n).map(|i| (after[i] - before[i] - change[i]).norm());
+        let worst = worst.fold(0.0, f64::max);
+        assert!(worst < 1e-13 * max_norm(&change), "{samples}: {worst}");
+    }
+}
+
+/// One entry that is not finite is seen, in any sample and lane.
+#[test]
+fn an_actuation_that_is_not_finite_is_seen() {
+    for bad in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY] {
+        for at in [0, 8, 63, 70, 167] {
+            let mut case = Case::row(21, Quadrature::Eight);
+            assert!(case.effect().actuation_is_finite());
+            case.parameters.actuation[at][at % 6] = bad;
+            assert!(!case.effect().actuation_is_finite(), "{bad} at {at}");
         }
     }
 }
