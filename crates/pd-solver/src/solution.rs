@@ -76,7 +76,8 @@ pub struct SolveOptions {
     /// Limit of iterations over all methods that are tried.
     pub max_iterations: usize,
     /// With a start: use the preconditioner of the solver's last call, and what was learnt with it, as they are where that was built
-    /// nearby. From the end of the last solve, and for another actuation alone, also the gradient that was left there. Saves building and steps; in exchange the result depends, within its accuracy, on the calls before.
+    /// nearby. From the end of the last solve, and for another actuation alone, also the gradient that was left there. Saves building and
+    /// steps; in exchange the result depends, within its accuracy, on the calls before.
     pub reuse: bool,
     /// Measure the error at the end by a Newton step that is not taken, and go on where it is larger than the accuracy asked. What a solve
     /// tells without is a bound by what its last step did, mostly several times too large; this is about the error itself, for a few
