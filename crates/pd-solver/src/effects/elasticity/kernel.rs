@@ -13,6 +13,8 @@ use polar_grad::lanes::{
 };
 use pulp::{Simd, WithSimd};
 
+/// Samples of an element at most.
+const MAX_SAMPLES: usize = 27;
 /// Places of the six entries of a symmetric matrix in its nine, row by row.
 const SYMMETRIC: [usize; 9] = [0, 1, 2, 1, 3, 4, 2, 4, 5];
 
@@ -371,6 +373,8 @@ impl<const N: usize> WithSimd for ActuationVjp<'_, N> {
     fn with_simd<S: Simd>(self, simd: S) {
         let samples = TensorRule::<N>::SAMPLES;
         let outs = self.out.chunks_mut(LANES * samples);
+        // Of a whole block, so that what is written lies together.
+        let mut of_block = [[Lanes::ZERO; 6]; MAX_SAMPLES];
         for (i, (block, out)) in self.blocks.iter().zip(outs).enumerate() {
             let (u, z) = (block.gather(self.u), block.gather(self.z));
             for part in 0..parts::<S>() {
@@ -384,13 +388,15 @@ impl<const N: usize> WithSimd for ActuationVjp<'_, N> {
                     let at = i * samples + number;
                     let a = self.actuation[at].matrix::<S>(part);
                     let b_bar = actuation_vjp(simd, &f, &y, &a, &self.linearisation[at], part);
-                    for (k, b_bar) in b_bar.into_iter().enumerate() {
-                        let mut lanes = Lanes::ZERO;
-                        *lanes.part_mut::<S>(0) = simd.mul_f64s(weight, b_bar);
-                        let elements = out.chunks_exact_mut(samples).skip(part * S::F64_LANES);
-                        for (out, b_bar) in elements.zip(&lanes.0[..S::F64_LANES]) {
-                            out[number][k] = *b_bar;
-                        }
+                    for (lanes, b_bar) in of_block[number].iter_mut().zip(b_bar) {
+                        *lanes.part_mut::<S>(part) = simd.mul_f64s(weight, b_bar);
+                    }
+                }
+            }
+            for (lane, out) in out.chunks_exact_mut(samples).enumerate() {
+                for (out, lanes) in out.iter_mut().zip(&of_block) {
+                    for (out, lanes) in out.iter_mut().zip(lanes) {
+                        *out = lanes.0[lane];
                     }
                 }
             }
