@@ -10,7 +10,7 @@
 
 use super::grid::Grid;
 use super::kept_volume::{add_pressure, volume_change, volume_diagonal};
-use super::layout::{LANES, Lanes, Layout, load, over_slabs};
+use super::layout::{LANES, Lanes, Layout, add_to, load, over_slabs};
 use super::modes::{BILINEAR, LINEAR, MEAN_SQUARES, TRILINEAR, sign, stiffness};
 use pulp::{Arch, Simd, WithSimd};
 use rayon::prelude::*;
@@ -247,12 +247,6 @@ fn corner(block: &Block, step: [usize; 2], component: usize, components: usize, 
     } else {
         base + (components - 3) * step[0] + component * step[1]
     }
-}
-
-#[inline(always)]
-fn add_to<S: Simd>(simd: S, data: &mut [f32], at: usize, value: S::f32s) {
-    let place = &mut S::as_mut_simd_f32s(&mut data[at..at + S::F32_LANES]).0[0];
-    *place = simd.add_f32s(*place, value);
 }
 
 /// `y += A x` over the blocks and forms of a slab, whose elements may `KEEP` their volume.

@@ -288,3 +288,10 @@ fn run_slabs<T: Send>(
 pub(super) fn load<S: Simd>(data: &[f32], at: usize) -> S::f32s {
     S::as_simd_f32s(&data[at..at + S::F32_LANES]).0[0]
 }
+
+/// Adds to the numbers of one register from `at` on.
+#[inline(always)]
+pub(super) fn add_to<S: Simd>(simd: S, data: &mut [f32], at: usize, value: S::f32s) {
+    let place = &mut S::as_mut_simd_f32s(&mut data[at..at + S::F32_LANES]).0[0];
+    *place = simd.add_f32s(*place, value);
+}

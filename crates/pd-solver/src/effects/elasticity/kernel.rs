@@ -380,7 +380,7 @@ impl<const N: usize> WithSimd for ActuationVjp<'_, N> {
             for part in 0..parts::<S>() {
                 let f = self.rule.gradients(simd, &u, &block.inverse_size, part);
                 let y = self.rule.gradients(simd, &z, &block.inverse_size, part);
-                for number in 0..samples {
+                for (number, of_block) in of_block[..samples].iter_mut().enumerate() {
                     let sample = TensorRule::<N>::sample(number);
                     let weight = simd.splat_f64s(self.rule.weight(sample));
                     let weight = simd.mul_f64s(weight, block.weight.part::<S>(part));
@@ -388,7 +388,7 @@ impl<const N: usize> WithSimd for ActuationVjp<'_, N> {
                     let at = i * samples + number;
                     let a = self.actuation[at].matrix::<S>(part);
                     let b_bar = actuation_vjp(simd, &f, &y, &a, &self.linearisation[at], part);
-                    for (lanes, b_bar) in of_block[number].iter_mut().zip(b_bar) {
+                    for (lanes, b_bar) in of_block.iter_mut().zip(b_bar) {
                         *lanes.part_mut::<S>(part) = simd.mul_f64s(weight, b_bar);
                     }
                 }
