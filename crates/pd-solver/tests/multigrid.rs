@@ -417,6 +417,41 @@ fn solves_that_go_on_begin_by_the_change_of_the_actuation() {
     }
 }
 
+/// Weight has no actuation that could change and no samples that could be inside out: with it directions tell the error as without, and a solve
+/// that goes on where nothing changed has nothing to do but to see that.
+#[test]
+fn effects_without_samples_raise_no_doubt() {
+    let mesh = body([12, 6, 7], |_| true);
+    let wall = nodes_where(&mesh, |x| x.x == 0.0);
+    let weight = EffectSpec::Gravity {
+        acceleration: [0.0, 0.0, -0.02],
+        density: 1.0,
+    };
+    let mut solver = Solver::new(&mesh, &[elasticity(), held(wall), weight]).unwrap();
+    let parameters = smooth(&mesh, &solver, 0.5);
+    let reuse = SolveOptions {
+        reuse: true,
+        ..stop(1e-4)
+    };
+    let mut costs = Vec::new();
+    for away in [0.0, f64::EPSILON] {
+        let at = solver.solve(&parameters, None, &stop(1e-4)).unwrap();
+        assert_eq!(at.stats.estimate, Estimate::Direction);
+        let mut start = at.positions;
+        start[0].x += away;
+        let before = solver.work();
+        solver.solve(&parameters, Some(&start), &reuse).unwrap();
+        let after = solver.work();
+        let evaluations = after.evaluations - before.evaluations;
+        costs.push((
+            evaluations,
+            after.multigrid_cycles - before.multigrid_cycles,
+        ));
+    }
+    // At rest, which says where to stop, and at the start.
+    assert_eq!(costs, [(2, 0); 2]);
+}
+
 /// Solves that go on from each other by a length do not add up what each leaves: what was left is in the
 /// gradient that the next one begins by.
 #[test]
