@@ -16,18 +16,11 @@ const CHUNK: usize = 4096;
 
 /// Sum of `a . b` over all nodes.
 pub(crate) fn dot(a: &[Vector3<f64>], b: &[Vector3<f64>]) -> f64 {
-    let chunk = |(a, b): (&[Vector3<f64>], &[Vector3<f64>])| -> f64 {
-        a.iter().zip(b).map(|(a, b)| a.dot(b)).sum()
-    };
-    if a.len() <= CHUNK {
-        return chunk((a, b));
-    }
-    let partial: Vec<f64> = a
-        .par_chunks(CHUNK)
-        .zip(b.par_chunks(CHUNK))
-        .map(chunk)
-        .collect();
-    partial.iter().sum()
+    let [sum] = sums_over_parts(a.len(), |part| {
+        let pairs = a[part.clone()].iter().zip(&b[part]);
+        [pairs.map(|(a, b)| a.dot(b)).sum()]
+    });
+    sum
 }
 
 /// Euclidean norm over all nodes, safe against overflow and underflow of the squares.

@@ -23,8 +23,10 @@ pub(super) struct Descent {
     pub(super) inverted: usize,
     energy: f64,
     iterations: usize,
+    /// Norm of the gradient before the last step.
+    before: f64,
     /// Length of the last step.
-    step: f64,
+    pub(super) step: f64,
 }
 
 impl Descent {
@@ -40,24 +42,24 @@ impl Descent {
             inverted: problem.inverted_where_evaluated(),
             energy,
             iterations: 0,
+            before: f64::INFINITY,
             step: f64::INFINITY,
         }
     }
 
-    /// Counts a step of this length that was taken to come to the start.
-    pub(super) fn count(&mut self, length: f64) {
+    /// Counts the step against the workspace's direction that was taken to come to the start, from a gradient of norm `before`.
+    pub(super) fn count(&mut self, space: &Workspace, before: f64) {
         self.iterations += 1;
-        self.step = length;
+        self.before = before;
+        self.step = max_norm(&space.direction);
     }
 
-    /// Keeps the last step in `history`, `u` being where it went to and `before` the norm of the gradient where it came from. False where the
-    /// curvature along it was not positive.
+    /// Keeps the last step in `history`, `u` being where it went to. False where the curvature along it was not positive.
     pub(super) fn remember(
         &self,
         history: &mut History,
         space: &Workspace,
         u: &[Vector3<f64>],
-        before: f64,
     ) -> bool {
         let from = State {
             u: &space.last,
@@ -67,7 +69,7 @@ impl Descent {
             u,
             gradient: &space.gradient,
         };
-        history.push(from, to, (self.step, before))
+        history.push(from, to, (self.step, self.before))
     }
 
     /// Steps taken.
@@ -113,6 +115,7 @@ impl Descent {
                 std::mem::swap(u, &mut space.last);
                 std::mem::swap(&mut space.gradient, &mut space.last_gradient);
                 self.energy = energy;
+                self.before = self.gradient_norm;
                 self.inverted = problem.inverted_where_evaluated();
                 self.gradient_norm = norm(&space.gradient);
                 self.iterations += 1;

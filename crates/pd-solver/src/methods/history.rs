@@ -181,11 +181,11 @@ impl History {
                 change(from.u, to.u, units.0, s);
                 change(from.gradient, to.gradient, units.1, y);
                 let [s_y, s_s, y_y, others @ ..] = &mut sums;
-                *s_y += dot_single(s, y);
-                *s_s += dot_single(s, s);
-                *y_y += dot_single(y, y);
+                *s_y += dot(s, y);
+                *s_s += dot(s, s);
+                *y_y += dot(y, y);
                 for (i, other) in others[..len].iter_mut().enumerate() {
-                    *other += dot_single(&self.pair(i).s[tile.clone()], y);
+                    *other += dot(&self.pair(i).s[tile.clone()], y);
                 }
             }
             sums
@@ -213,54 +213,47 @@ fn tiles(part: Range<usize>) -> impl Iterator<Item = Range<usize>> {
 /// Entries of nodes side by side, in double precision.
 const WIDE: usize = 3 * SIDE;
 
-#[inline(always)]
-fn single_side(x: &[[f32; 3]; SIDE]) -> [f64; WIDE] {
-    from_fn(|k| f64::from(x[k / 3][k % 3]))
+/// The value of a node, in either precision.
+trait Value {
+    fn entry(&self, k: usize) -> f64;
 }
 
-#[inline(always)]
-fn double_side(x: &[Vector3<f64>; SIDE]) -> [f64; WIDE] {
-    from_fn(|k| x[k / 3][k % 3])
-}
-
-/// Sum of products of numbers that come `WIDE` at a time, and of the nodes that are left.
-#[inline(always)]
-fn sum_products(
-    sides: impl Iterator<Item = ([f64; WIDE], [f64; WIDE])>,
-    left: impl Iterator<Item = f64>,
-) -> f64 {
-    let mut sums = [0.0; WIDE];
-    for (a, b) in sides {
-        for k in 0..WIDE {
-            sums[k] += a[k] * b[k];
-        }
+impl Value for [f32; 3] {
+    #[inline(always)]
+    fn entry(&self, k: usize) -> f64 {
+        f64::from(self[k])
     }
-    sums.iter().sum::<f64>() + left.sum::<f64>()
 }
 
-fn dot(v: &Single, x: &[Vector3<f64>]) -> f64 {
-    let ((v, v_left), (x, x_left)) = (v.as_chunks(), x.as_chunks());
-    let left = v_left.iter().zip(x_left);
-    Arch::new().dispatch(|| {
-        sum_products(
-            v.iter()
-                .zip(x)
-                .map(|(v, x)| (single_side(v), double_side(x))),
-            left.map(|(v, x)| Vector3::from(v.map(f64::from)).dot(x)),
-        )
-    })
+impl Value for Vector3<f64> {
+    #[inline(always)]
+    fn entry(&self, k: usize) -> f64 {
+        self[k]
+    }
 }
 
-fn dot_single(v: &Single, x: &Single) -> f64 {
+#[inline(always)]
+fn side<T: Value>(x: &[T; SIDE]) -> [f64; WIDE] {
+    from_fn(|k| x[k / 3].entry(k % 3))
+}
+
+fn dot<T: Value>(v: &Single, x: &[T]) -> f64 {
     let ((v, v_left), (x, x_left)) = (v.as_chunks(), x.as_chunks());
-    let left = v_left.as_flattened().iter().zip(x_left.as_flattened());
     Arch::new().dispatch(|| {
-        sum_products(
-            v.iter()
-                .zip(x)
-                .map(|(v, x)| (single_side(v), single_side(x))),
-            left.map(|(v, x)| f64::from(*v) * f64::from(*x)),
-        )
+        let mut sums = [0.0; WIDE];
+        for (v, x) in v.iter().zip(x) {
+            let (v, x) = (side(v), side(x));
+            for k in 0..WIDE {
+                sums[k] += v[k] * x[k];
+            }
+        }
+        let mut sum = sums.iter().sum();
+        for (v, x) in v_left.iter().zip(x_left) {
+            for k in 0..3 {
+                sum += v.entry(k) * x.entry(k);
+            }
+        }
+        sum
     })
 }
 

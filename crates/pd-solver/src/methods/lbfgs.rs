@@ -9,7 +9,7 @@ use super::{Outcome, Preconditioner, Target, Workspace};
 use crate::krylov::LinearStatus;
 use crate::problem::Problem;
 use crate::solution::{Estimate, Status};
-use crate::vector::{NodalVector, dot, max_norm, norm};
+use crate::vector::{NodalVector, dot, max_norm};
 use nalgebra::Vector3;
 
 /// Steps after which a preconditioner that follows the state is built anew.
@@ -139,7 +139,10 @@ pub(crate) fn lbfgs(
     let mut history = std::mem::take(&mut space.history);
     let mut doubts = Doubts::default();
     let may_predict = std::mem::take(&mut space.predict) && max_iterations > 0;
-    let predicted = may_predict && predict(problem, pre, space, u, &mut history);
+    let predicted = match may_predict {
+        true => predict(problem, pre, space, u, &mut history),
+        false => None,
+    };
     // Whether that was enough.
     let mut arrived = false;
     let mut descent = Descent::start(problem, space, u);
@@ -147,13 +150,12 @@ pub(crate) fn lbfgs(
     // What a Newton step near the end told: the error that it left, provided that the gradient fell to this.
     let (mut ended, mut told) = (false, None);
     let (mut since_rebuild, mut strengthened) = (0, 0);
-    if predicted {
-        let length = max_norm(&space.direction);
-        descent.count(length);
+    if let Some(before) = predicted {
+        descent.count(space, before);
+        let length = descent.step;
         doubts.see(length);
         let trusted = trusts(pre, &history);
-        let before = norm(&space.last_gradient);
-        doubts.negative_curvature = !descent.remember(&mut history, space, u, before);
+        doubts.negative_curvature = !descent.remember(&mut history, space, u);
         estimate = trusted.then_some((length * REMAINS, Estimate::Direction));
         let near = target.accuracy.is_some_and(|a| length * REMAINS <= a);
         let fell = descent.gradient_norm <= PREDICTED_LEAVES * before;
@@ -191,7 +193,7 @@ pub(crate) fn lbfgs(
             if step.taken {
                 let length = step.before.filter(|_| step.tells);
                 told = length.map(|length| (ENDGAME_REMAINS * length, CONTRACTS * before));
-                doubts.negative_curvature = !descent.remember(&mut history, space, u, before);
+                doubts.negative_curvature = !descent.remember(&mut history, space, u);
                 since_rebuild += 1;
                 continue;
             }
@@ -217,7 +219,6 @@ pub(crate) fn lbfgs(
             }
         }
         let slope = dot(&space.gradient, &space.direction);
-        let before = descent.gradient_norm;
         let stepped = slope > 0.0 && descent.step(problem, space, u, slope);
         if !stepped {
             if verified {
@@ -235,7 +236,7 @@ pub(crate) fn lbfgs(
             }
             continue;
         }
-        doubts.negative_curvature = !descent.remember(&mut history, space, u, before);
+        doubts.negative_curvature = !descent.remember(&mut history, space, u);
         if verified && descent.is_full {
             estimate = estimate.map(|(length, kind)| (length * REMAINS, kind));
             break Status::Converged;

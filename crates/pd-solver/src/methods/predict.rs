@@ -6,29 +6,30 @@ use crate::problem::Problem;
 use crate::vector::{NodalVector, add_scaled, norm};
 
 /// Takes a full step by the gradient before the actuation changed, which is the workspace's last, and about what that change did to it, which costs
-/// a third of the gradient. True where the gradient fell by it: the workspace is then as after the step of a descent. Else `u` is as it was, and the preconditioner is
-/// prepared.
+/// a third of the gradient. Where the gradient fell by it, gives the norm of that before: the workspace is then as after the step of a descent. Else
+/// `u` is as it was, and the preconditioner is prepared.
 pub(super) fn predict(
     problem: &mut Problem,
     pre: &mut dyn Preconditioner,
     space: &mut Workspace,
     u: &mut NodalVector,
     history: &mut History,
-) -> bool {
+) -> Option<f64> {
     space.reserve(problem.len());
     if pre.prepare(problem, u) {
         history.clear();
     }
     if !problem.add_gradient_change(u, &mut space.last_gradient) {
-        return false;
+        return None;
     }
     history.direction(pre, &space.last_gradient, &mut space.direction);
     add_scaled(u, -1.0, &space.direction, &mut space.last);
     let energy = problem.evaluate(&space.last, &mut space.gradient);
-    let falls = norm(&space.gradient) < norm(&space.last_gradient);
-    if falls {
+    let before = norm(&space.last_gradient);
+    if norm(&space.gradient) < before {
         std::mem::swap(u, &mut space.last);
         space.energy_at_start = Some(energy);
+        return Some(before);
     }
-    falls
+    None
 }

@@ -212,9 +212,7 @@ impl Stencil {
             for plane in planes {
                 self.arch.dispatch(Product {
                     stencil: self,
-                    blocks: self.plane_blocks[plane]..self.plane_blocks[plane + 1],
-                    first: self.starts[plane],
-                    step: (self.starts[plane + 1] - self.starts[plane]) / 3,
+                    plane,
                     x,
                     y,
                     offset: self.starts[slab],
@@ -233,10 +231,7 @@ fn kept(targets: &[u32; 64]) -> impl Iterator<Item = (usize, u32)> {
 /// The rows of one plane.
 struct Product<'a> {
     stencil: &'a Stencil,
-    blocks: Range<usize>,
-    /// Where the plane starts, and the distance between components there.
-    first: usize,
-    step: usize,
+    plane: usize,
     x: &'a [f32],
     /// From number `offset` on.
     y: &'a mut [f32],
@@ -248,16 +243,19 @@ impl WithSimd for Product<'_> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) {
-        let stencil = self.stencil;
+        let (stencil, plane) = (self.stencil, self.plane);
+        let [first, end] = [plane, plane + 1].map(|plane| stencil.starts[plane]);
+        let own_step = (end - first) / 3;
+        let blocks = stencil.plane_blocks[plane]..stencil.plane_blocks[plane + 1];
         let zero = simd.splat_f32s(0.0);
-        for (row, block) in self.blocks.enumerate() {
+        for (row, block) in blocks.enumerate() {
             let range = stencil.block_diagonals[block]..stencil.block_diagonals[block + 1];
             let entries = &stencil.entries[range.start * 9..range.end * 9];
             for shift in (0..LANES).step_by(S::F32_LANES) {
-                let at = self.first + row * LANES + shift;
+                let at = first + row * LANES + shift;
                 let mut own = [zero; 3];
                 for (j, own) in own.iter_mut().enumerate() {
-                    *own = load::<S>(self.x, at + j * self.step);
+                    *own = load::<S>(self.x, at + j * own_step);
                 }
                 let mut sums = [zero; 3];
                 let mut more = sums;
@@ -294,7 +292,7 @@ impl WithSimd for Product<'_> {
                     both_ways = true;
                 }
                 for i in 0..3 {
-                    let at = at + i * self.step - self.offset;
+                    let at = at + i * own_step - self.offset;
                     add_to(simd, self.y, at, simd.add_f32s(sums[i], more[i]));
                 }
             }
