@@ -17,28 +17,6 @@ impl Preconditioner for ConstantSystem {
     fn apply(&mut self, r: &[Vector3<f64>], z: &mut NodalVector) {
         self.solve(r, z);
     }
-
-    fn follows(&self) -> bool {
-        false
-    }
-
-    fn tells_errors(&self) -> bool {
-        false
-    }
-
-    fn prepare(&mut self, _problem: &mut Problem, _u: &[Vector3<f64>]) -> bool {
-        true
-    }
-
-    fn rebuild(&mut self, _problem: &mut Problem, _u: &[Vector3<f64>]) {}
-
-    fn project(&mut self, _problem: &Problem, _u: &[Vector3<f64>]) -> bool {
-        false
-    }
-
-    fn strengthen(&mut self, _problem: &Problem, _u: &[Vector3<f64>]) -> bool {
-        false
-    }
 }
 
 /// The multigrid of a body, and where its finest level was built.

@@ -35,28 +35,6 @@ impl Preconditioner for Factor {
     fn apply(&mut self, r: &[Vector3<f64>], z: &mut NodalVector) {
         z.iter_mut().zip(r).for_each(|(z, r)| *z = r * self.0);
     }
-
-    fn follows(&self) -> bool {
-        false
-    }
-
-    fn tells_errors(&self) -> bool {
-        false
-    }
-
-    fn prepare(&mut self, _problem: &mut Problem, _u: &[Vector3<f64>]) -> bool {
-        false
-    }
-
-    fn rebuild(&mut self, _problem: &mut Problem, _u: &[Vector3<f64>]) {}
-
-    fn project(&mut self, _problem: &Problem, _u: &[Vector3<f64>]) -> bool {
-        false
-    }
-
-    fn strengthen(&mut self, _problem: &Problem, _u: &[Vector3<f64>]) -> bool {
-        false
-    }
 }
 
 /// A cube of so many elements along its edge, held at one side.

@@ -20,28 +20,39 @@ use nalgebra::Vector3;
 pub(crate) use newton::{newton, solve_newton};
 pub(crate) use workspace::{KrylovSpace, Workspace};
 
-/// An approximate inverse of the Hessian over the free nodes, symmetric and positive definite.
+/// An approximate inverse of the Hessian over the free nodes, symmetric and positive definite. One that is the same at all states has nothing to
+/// do but to be applied.
 pub(crate) trait Preconditioner {
     /// `z = M^-1 r`, zero at prescribed nodes.
     fn apply(&mut self, r: &[Vector3<f64>], z: &mut NodalVector);
 
     /// Whether it is built at a state, or the same for all.
-    fn follows(&self) -> bool;
+    fn follows(&self) -> bool {
+        false
+    }
 
     /// Whether it is so near the Hessian that the length of its directions tells the error.
-    fn tells_errors(&self) -> bool;
+    fn tells_errors(&self) -> bool {
+        false
+    }
 
     /// Makes sure that it is built at a state near `u`, and for what touches there. False where it already was, for an earlier solve.
-    fn prepare(&mut self, problem: &mut Problem, u: &[Vector3<f64>]) -> bool;
+    fn prepare(&mut self, _problem: &mut Problem, _u: &[Vector3<f64>]) -> bool {
+        true
+    }
 
     /// Builds it at `u`.
-    fn rebuild(&mut self, problem: &mut Problem, u: &[Vector3<f64>]);
+    fn rebuild(&mut self, _problem: &mut Problem, _u: &[Vector3<f64>]) {}
 
     /// Builds it at `u` so that it is positive definite whatever the state; false where it already was.
-    fn project(&mut self, problem: &Problem, u: &[Vector3<f64>]) -> bool;
+    fn project(&mut self, _problem: &Problem, _u: &[Vector3<f64>]) -> bool {
+        false
+    }
 
     /// Makes it safer after it was found not to be positive definite at `u`; false where that is not possible.
-    fn strengthen(&mut self, problem: &Problem, u: &[Vector3<f64>]) -> bool;
+    fn strengthen(&mut self, _problem: &Problem, _u: &[Vector3<f64>]) -> bool {
+        false
+    }
 }
 
 /// When a method may stop: at an estimated error in length units, or at a gradient norm; the gradient norm is never zero.

@@ -1,7 +1,6 @@
 //! Directions against the two loops of the book in double precision.
 
 use super::*;
-use crate::problem::Problem;
 use crate::vector::{dot as product, norm};
 
 /// A preconditioner that divides each node by a number of its own, of about this size.
@@ -15,28 +14,6 @@ impl Preconditioner for Diagonal {
             .map(|(i, r)| r / (self.0 * (1 + i % 7) as f64));
         z.clear();
         z.extend(scaled);
-    }
-
-    fn follows(&self) -> bool {
-        false
-    }
-
-    fn tells_errors(&self) -> bool {
-        false
-    }
-
-    fn prepare(&mut self, _: &mut Problem, _: &[Vector3<f64>]) -> bool {
-        true
-    }
-
-    fn rebuild(&mut self, _: &mut Problem, _: &[Vector3<f64>]) {}
-
-    fn project(&mut self, _: &Problem, _: &[Vector3<f64>]) -> bool {
-        false
-    }
-
-    fn strengthen(&mut self, _: &Problem, _: &[Vector3<f64>]) -> bool {
-        false
     }
 }
 
